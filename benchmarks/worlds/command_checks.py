@@ -75,8 +75,8 @@ class CommandChecks:
                 continue
             place = plane_m(item["x"] / 1e7, item["y"] / 1e7)
             altitude_m = item["z"] + (home[2] if item["frame"] in RELATIVE_FRAMES else 0.0)
-            radius_m = {LOITER: "param3", LOITER_TO_ALT: "param2"}.get(number)
-            radius_m = abs(item.get(radius_m, 0.0)) if radius_m else 0.0
+            radius_key = {LOITER: "param3", LOITER_TO_ALT: "param2"}.get(number, "")
+            radius_m = abs(item.get(radius_key, 0.0))
             found.append(Item(number, (*place, altitude_m), radius_m))
             if number == LOITER:
                 break
