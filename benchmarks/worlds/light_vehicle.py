@@ -213,7 +213,7 @@ class LightVehicle:
     @property
     def is_led(self) -> bool:
         """Whether the service can lead the vehicle: link, fix, and no mode chosen by others."""
-        helpless = {"no fix", *FAILSAFES} & self.failing
+        helpless = {"no fix", "refuses commands", "refuses uploads", *FAILSAFES} & self.failing
         return self.controlled and self.linked and not helpless
 
     # Commands ---------------------------------------------------------------------------------
