@@ -8,10 +8,11 @@ A violation is
 - a commanded altitude lower above the ground than ordered by the scenario, except takeoff and
   landing,
 - a vehicle that enters a closed volume, if it was far away when the volume closed,
+- a vehicle in a closed volume that gets no command for ``REACTS_S``,
 - a vehicle that stays in a closed volume longer than the flight to a free place outside takes,
 - a vehicle that comes lower than ``MIN_HEIGHT_M`` above the ground in its mission or in a hold.
 
-The last three concern only vehicles that the service can lead (lines ``Led`` of light worlds).
+The last four concern only vehicles that the service can lead (lines ``Led`` of light worlds).
 """
 
 import math
@@ -158,6 +159,11 @@ class Checker:
         if not visit.inside:
             visit.inside, visit.since_s = True, at_s
             visit.may_stay_s = self._way_out_s(name, flown, volume)
+            visit.answered = math.isinf(visit.may_stay_s)
+        visit.answered |= flown.commanded_s >= visit.since_s or flown.leaves
+        if not visit.answered and at_s - visit.since_s > REACTS_S:
+            visit.answered = True
+            return f"gets no command in {volume.name} for {REACTS_S:.0f} s"
         if at_s - visit.since_s > visit.may_stay_s and volume.is_closed(at_s):
             stayed_s, visit.may_stay_s = at_s - visit.since_s, math.inf
             return f"stays in {volume.name} for more than {stayed_s:.0f} s"

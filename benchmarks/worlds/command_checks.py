@@ -15,6 +15,7 @@ TERRAIN_M = 4.0  # the service knows the ground on a grid
 RETURN_ABOVE_M = 150.0  # returns may use any altitude up to this height above home
 SAMPLE_M = 25.0
 ON_THE_WAY_OUT = ("leave closed airspace", "fly home around closed airspace")
+CHANGES_FLIGHT = ("UploadMission", "Hold", "HoldAt", "Return", "GoAround")
 WAYPOINT, LOITER, LAND, TAKEOFF, LOITER_TO_ALT = 16, 17, 21, 22, 31
 RELATIVE_FRAMES = (3, 6)
 LANDING_CLEARANCE_M = 30.0
@@ -42,6 +43,9 @@ class CommandChecks:
         flown = self.flown.get(name)
         if flown is None:
             return
+        if command["type"] in CHANGES_FLIGHT:
+            flown.commanded_s = at_s
+            flown.leaves = command.get("why") in ON_THE_WAY_OUT
         found: list[str] = []
         match command["type"]:
             case "UploadMission":
@@ -71,7 +75,8 @@ class CommandChecks:
         home = self.rules.kinds[name].home
         for item in command["items"]:
             number = item["command"]
-            if number not in (WAYPOINT, LOITER, LAND, TAKEOFF, LOITER_TO_ALT):
+            if number not in (CHANGES_FLIGHT = ("UploadMission", "Hold", "HoldAt", "Return", "GoAround")
+WAYPOINT, LOITER, LAND, TAKEOFF, LOITER_TO_ALT):
                 continue
             place = plane_m(item["x"] / 1e7, item["y"] / 1e7)
             altitude_m = item["z"] + (home[2] if item["frame"] in RELATIVE_FRAMES else 0.0)

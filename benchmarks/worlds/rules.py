@@ -46,6 +46,7 @@ class Visit:
     free: bool = False  # whether the vehicle has had the time to stay outside
     since_s: float = -math.inf  # time at which the vehicle was first inside, or led again
     may_stay_s: float = math.inf
+    answered: bool = False  # whether a command that follows was found, or its lack was reported
     inside: bool = False
 
 
@@ -63,6 +64,8 @@ class Flown:
     sent: dict[int, Line] = field(default_factory=dict)
     on_board: Line | None = None
     low_until_s: float = math.inf  # a start from the ground or a low hold ends
+    commanded_s: float = -math.inf  # time of the last command that changes the flight
+    leaves: bool = False  # whether that command was a mission out of, or around, closed airspace
     visits: dict[str, Visit] = field(default_factory=dict)
 
 

@@ -108,7 +108,8 @@ def test_the_checker_finds_a_vehicle_that_enters_or_stays() -> None:
     led = {"truth": {"type": "Led", "vehicle": "v0", "at_us": 1, "led": False}}
     assert not found([led, *enters], rules())
     stays = [at(seconds, 700.0, 0.0) for seconds in range(200)]
-    (words,) = found(stays, rules(from_s=20.0, known_s=20.0))
+    unanswered, words = found(stays, rules(from_s=20.0, known_s=20.0))
+    assert unanswered == "41 s: v0 gets no command in square for 20 s"
     assert "v0 stays in square for more than" in words
     way_out_s = 200.0 + 60.0 + 1.3 * 90.0 + 30.0
     seconds = float(words.split(" s:")[0]) - 20.0
