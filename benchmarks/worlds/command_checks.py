@@ -75,8 +75,7 @@ class CommandChecks:
         home = self.rules.kinds[name].home
         for item in command["items"]:
             number = item["command"]
-            if number not in (CHANGES_FLIGHT = ("UploadMission", "Hold", "HoldAt", "Return", "GoAround")
-WAYPOINT, LOITER, LAND, TAKEOFF, LOITER_TO_ALT):
+            if number not in (WAYPOINT, LOITER, LAND, TAKEOFF, LOITER_TO_ALT):
                 continue
             place = plane_m(item["x"] / 1e7, item["y"] / 1e7)
             altitude_m = item["z"] + (home[2] if item["frame"] in RELATIVE_FRAMES else 0.0)

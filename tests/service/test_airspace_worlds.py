@@ -1,4 +1,4 @@
-"""The random worlds of ``benchmarks.airspace_worlds``, and the checker that finds planted faults."""
+"""The random worlds of ``benchmarks.airspace_worlds``, and the checker of their flights."""
 
 import math
 from typing import Any
