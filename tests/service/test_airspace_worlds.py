@@ -103,7 +103,7 @@ def test_the_checker_finds_a_hill_between_two_positions() -> None:
 
 
 def test_the_checker_finds_a_vehicle_that_enters_or_stays() -> None:
-    enters = [at(seconds, -600.0 + 15.0 * seconds, 0.0) for seconds in range(120)]
+    enters = [at(seconds, -600.0 + 15.0 * seconds, 0.0) for seconds in range(90)]
     assert found(enters, rules()) == ["74 s: v0 enters square"]
     led = {"truth": {"type": "Led", "vehicle": "v0", "at_us": 1, "led": False}}
     assert not found([led, *enters], rules())
