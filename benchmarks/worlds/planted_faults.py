@@ -40,12 +40,12 @@ def _level(landscape: Landscape) -> Landscape:
 
 def _unchecked(core: Core) -> None:
     """Send commands without a check."""
-    core.airspace.checked = lambda commands, at_s, accepted=False: list(commands)  # type: ignore[method-assign,misc]
+    core.airspace.checked = lambda commands, at_s, accepted=False: list(commands)  # type: ignore[method-assign]
 
 
 def _unwatched(core: Core) -> None:
     """Do not check flights under way."""
-    core.airspace.watch = lambda vehicle, at_s: []  # type: ignore[method-assign,misc]
+    core.airspace.watch = lambda vehicle, at_s: []  # type: ignore[method-assign]
 
 
 def _late(core: Core) -> None:
