@@ -389,23 +389,6 @@ def test_a_vehicle_leaves_without_turning_back_or_climbing_on_the_spot(fly: Fly,
     assert away_m > 250.0
 
 
-def test_a_vehicle_sent_home_from_inside_a_volume_over_home_loiters_outside(fly: Fly) -> None:
-    flight = fly()
-    flight.run(35)
-    place = here(flight)
-    centre = ((place[0] + HAWK_HOME[0]) / 2.0, (place[1] + HAWK_HOME[1]) / 2.0)
-    flight.submit(closed_at(flight.now_us, centre, 260.0))
-    flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "return"))
-    flight.run(1.0)
-    entries = flight.over()
-    (ordered,) = (n for n, entry in enumerate(entries) if isinstance(entry, OrderGiven))
-    upload = next(entry for entry in entries[ordered:] if isinstance(entry, UploadMission))
-    loiter = next(item for item in upload.items if item.command == 17)
-    north_m = abs(loiter.x / 1e7 - centre[0]) * 111_200.0
-    east_m = abs(loiter.y / 1e7 - centre[1]) * 111_200.0 * math.cos(math.radians(centre[0]))
-    assert max(north_m, east_m) - abs(loiter.param3) > 260.0
-
-
 def test_the_command_to_leave_follows_within_two_seconds(fly: Fly) -> None:
     flight = fly()
     flight.run(150)
