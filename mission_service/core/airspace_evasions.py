@@ -15,10 +15,12 @@ from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
     MissionPlace,
+    Position,
     disc,
     mission_parts,
 )
 from mission_service.airspace.routes import exits_from
+from mission_service.airspace.volumes import Volume
 from mission_service.commands import Hold, HoldAt, UploadMission
 from mission_service.core.closed_airspace import ClosedAirspace
 from mission_service.core.flight_space import FlightSpace, position_of
@@ -57,20 +59,13 @@ class Evasions:
         """Return the mission out of the volumes around a vehicle, with a loiter outside."""
         near = airspace.blocked(fix.altitude_m - 1.0, fix.altitude_m + 1.0)
         margin_m = airspace.margins.horizontal_m
-        here = shapely.Point(fix.x_m, fix.y_m)
-        around = [each for each in near if shapely.dwithin(each.area_m, here, margin_m)]
-        far = tuple(each for each in airspace.volumes if each not in around)
-        others = replace(airspace, volumes=far)
+        around = self._around(fix, airspace)
         beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
-            items = self._guidance.items(vehicle, path, fix)
-            places = self._space.route(vehicle, items)
-            parts = mission_parts(places, [position_of(fix)])
-            if others.conflict(parts, self._landscape) is not None:
-                continue
-            if airspace.conflict(parts[-1:], self._landscape) is not None:  # the loiter outside
+            items, places = self._straight_off(vehicle, path, fix)
+            if self._enters_another(places, fix, airspace):
                 continue
             state.evasion = Evasion.EXIT
             return self._upload(vehicle, path, items, places, fix, "leave closed airspace", state)
@@ -84,15 +79,61 @@ class Evasions:
         path = self._closed.detours(airspace.volumes, vehicle.section).around(straight_home)
         if path is None or math.dist(path[-1], vehicle.home_m) > NEAR_HOME_M:
             return None
-        items = self._guidance.items(vehicle, path, fix)
-        places = self._space.route(vehicle, items)
         outside = airspace.volume_at(position_of(fix)) is None
-        parts = self._space.of_mission(vehicle, places)
-        if outside and airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
-            return None
+        if outside:
+            items = self._guidance.items(vehicle, path, fix)
+            places = self._space.route(vehicle, items)
+            parts = self._space.of_mission(vehicle, places)
+            if airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
+                return None
+        else:
+            items, places = self._straight_off(vehicle, path, fix)
+            if self._enters_another(places, fix, airspace):
+                return None
         state.evasion = Evasion.AROUND
         why = "fly home around closed airspace"
         return self._upload(vehicle, path, items, places, fix, why, state)
+
+    def _around(self, fix: PositionFix, airspace: Airspace) -> list[Volume]:
+        """Return the volumes that contain a vehicle, or within whose margin it is."""
+        here = shapely.Point(fix.x_m, fix.y_m)
+        near = airspace.blocked(fix.altitude_m - 1.0, fix.altitude_m + 1.0)
+        margin_m = airspace.margins.horizontal_m
+        return [each for each in near if shapely.dwithin(each.area_m, here, margin_m)]
+
+    def _enters_another(
+        self, places: tuple[MissionPlace, ...], fix: PositionFix, airspace: Airspace
+    ) -> bool:
+        """Return whether a flight out of volumes would enter another one, or loiter in any."""
+        parts = mission_parts(places, [position_of(fix)])
+        around = self._around(fix, airspace)
+        others = replace(
+            airspace, volumes=tuple(each for each in airspace.volumes if each not in around)
+        )
+        enters = others.conflict(parts, self._landscape) is not None
+        return enters or airspace.conflict(parts[-1:], self._landscape) is not None
+
+    def _straight_off(
+        self, vehicle: Vehicle, path: Floats, fix: PositionFix
+    ) -> tuple[Items, tuple[MissionPlace, ...]]:
+        """Return a mission out of a volume, and its positions, without delay at its beginning.
+
+        A waypoint at the vehicle's position would cause a plane to turn back, and a multirotor to
+        climb there first. The multirotor does so only if its way is not clear of the terrain.
+        """
+        items = self._guidance.items(vehicle, path[1:], fix)
+        places = self._space.route(vehicle, items)
+        if vehicle.section.kind == "plane" or self._is_clear(position_of(fix), places[0].position):
+            return items, places
+        items = self._guidance.items(vehicle, path, fix)
+        return items, self._space.route(vehicle, items)
+
+    def _is_clear(self, start: Position, end: Position) -> bool:
+        """Return whether no part of a straight climb is nearer to the ground than its ends."""
+        count = math.ceil(2.0 * math.dist(start[:2], end[:2]) / self._landscape.cell_size_m) + 2
+        line = np.linspace(start, end, count)
+        heights_m = line[:, 2] - self._landscape.elevation_at(line[:, 0], line[:, 1])
+        return bool(heights_m.min() >= min(heights_m[0], heights_m[-1]) - 1.0)
 
     def higher_hold(
         self,

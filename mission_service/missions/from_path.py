@@ -76,18 +76,23 @@ def leg_altitudes_m(
     The last point is a loiter, for which the terrain within ``around_last_m`` counts. ``min_at``
     gives the minimum altitude at points (n, 2), independent of the terrain.
     """
-    spacing_m = landscape.cell_size_m / 2.0
-    highest = []
-    for start, end in pairwise(points_m):
-        count = max(2, math.ceil(np.hypot(*(end - start)) / spacing_m) + 1)
-        along = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-        highest.append(_needed_m(along, landscape, altitude_agl_m, min_at))
+    highest = [
+        _needed_m(_along(start, end, landscape), landscape, altitude_agl_m, min_at)
+        for start, end in pairwise(points_m)
+    ]
     turns = np.linspace(0.0, math.tau, 32, endpoint=False)
     circle = around_last_m * np.column_stack([np.cos(turns), np.sin(turns)])
     around = np.concatenate([points_m[-1] + share * circle for share in (0.0, 0.5, 1.0)])
     highest.append(_needed_m(around, landscape, altitude_agl_m, min_at))
     legs = [highest[0], *highest]
     return [round(max(before, after), 1) for before, after in pairwise(legs)]
+
+
+def _along(start_m: Floats, end_m: Floats, landscape: Landscape) -> Floats:
+    """Return points (n, 2) on a leg, at most half a cell of the landscape apart."""
+    length_m = float(np.hypot(*(end_m - start_m)))
+    count = max(2, math.ceil(length_m / (landscape.cell_size_m / 2.0)) + 1)
+    return np.asarray(start_m + np.linspace(0.0, 1.0, count)[:, None] * (end_m - start_m))
 
 
 def _needed_m(
@@ -137,7 +142,7 @@ def mission_along(
         points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m, min_at
     )
     if start_m is not None:  # the vehicle climbs from its position to the first point's altitude
-        first = np.linspace(start_m, points[0], 10)
+        first = _along(np.array(start_m), points[0], landscape)
         needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, min_at)
         altitudes[0] = max(altitudes[0], round(needed_m, 1))
     lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])

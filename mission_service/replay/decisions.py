@@ -121,7 +121,8 @@ class _Excluded:
         shown = self.clearing
         if shown is None or shown.outcome != "in force":
             return False
-        return event.order == "start" or (event.order == "resume" and not shown.volume)
+        resumes = event.order == "resume" and not shown.volume
+        return event.order in ("start", "takeoff") or resumes
 
     def landing_shown(self, shown: ShowLanding) -> None:
         """Apply a phase of a landing, which ends a hold, or ends in a hold."""

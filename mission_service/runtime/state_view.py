@@ -444,20 +444,21 @@ class StateView(Notices):
                 proposed = self.missions[name].proposed
                 if proposed and proposed.mission_id == command.mission_id:
                     self._withdrawn(name)
-            case ProposePlan():
-                self.plan, self.plan_hash = command.plan, command.plan_hash
-                self._touch("burn")
-            case WithdrawPlan():
-                if command.plan_hash == self.plan_hash:
-                    self.plan, self.plan_hash = None, ""
-                self._touch("burn")
-            case Drop():
-                self._touch("burn")
+            case ProposePlan() | WithdrawPlan() | Drop():
+                self._of_burn(command)
             case ShowClearing():
                 self.clearing = clearing_status(command, self.at_us)
                 self._touch("airspace")
             case _:
                 pass
+
+    def _of_burn(self, command: ProposePlan | WithdrawPlan | Drop) -> None:
+        match command:
+            case ProposePlan():
+                self.plan, self.plan_hash = command.plan, command.plan_hash
+            case WithdrawPlan() if command.plan_hash == self.plan_hash:
+                self.plan, self.plan_hash = None, ""
+        self._touch("burn")
 
     def _alerted(self, name: str, command: RaiseAlarm | ClearAlarm | AlertOnAircraft) -> None:
         match command:

@@ -368,6 +368,27 @@ def test_a_vehicle_inside_a_volume_that_closes_leaves_it_and_holds_outside(fly: 
     assert any(entry.why == "leave closed airspace" for entry in uploads)
 
 
+@pytest.mark.parametrize("kind", ["plane", "copter"])
+def test_a_vehicle_leaves_without_turning_back_or_climbing_on_the_spot(fly: Fly, kind: str) -> None:
+    """The first position of the way out is outside, not where the vehicle was."""
+    flight = fly(f'vehicles.0.kind="{kind}"')
+    flight.run(40)  # a copter is still in its takeoff
+    centre = here(flight)
+    flight.submit(closed_at(flight.now_us, centre))
+    flight.run(2.0)
+    leaves = next(
+        entry
+        for entry in flight.over()
+        if isinstance(entry, UploadMission) and entry.why == "leave closed airspace"
+    )
+    first = next(item for item in leaves.items if item.command in (16, 17))
+    away_m = math.hypot(
+        (first.x / 1e7 - centre[0]) * 111_200.0,
+        (first.y / 1e7 - centre[1]) * 111_200.0 * math.cos(math.radians(centre[0])),
+    )
+    assert away_m > 250.0
+
+
 def test_the_command_to_leave_follows_within_two_seconds(fly: Fly) -> None:
     flight = fly()
     flight.run(150)

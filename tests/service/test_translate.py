@@ -104,3 +104,15 @@ def test_any_path_stays_a_path_between_its_ends(points: list[tuple[float, float]
     assert 2 <= len(found) <= len(path)
     assert (found[0] == path[0]).all()
     assert (found[-1] == path[-1]).all()
+
+
+def test_the_way_to_the_first_point_clears_a_narrow_ridge() -> None:
+    elevation_m = np.full((60, 60), 300.0, dtype=np.float32)
+    elevation_m[:, 29:31] = 500.0
+    land = Landscape("EPSG:32616", 740000.0, 4040000.0, 30.0, LAND.fuel_model, elevation_m)
+    start_m, *path = (land.xy_of(30.0, col) for col in (5.0, 52.0, 58.0))
+    items = mission_along(
+        np.array(path), True, VEHICLE, land, from_ground=False, start_m=(start_m[0], start_m[1])
+    )
+    first = next(item for item in items if item.command == NAV_WAYPOINT)
+    assert first.z >= 500.0 + VEHICLE.altitude_agl_m
