@@ -1,6 +1,7 @@
 """Decides when the remaining energy of a vehicle is needed for its flight home. Pure."""
 
 import math
+from typing import NamedTuple
 
 from mission_service.config.sections import VehicleSection
 from mission_service.position_fix import PositionFix
@@ -26,6 +27,24 @@ def usual_return_height_m(section: VehicleSection) -> float:
     return RETURN_HEIGHTS_M[section.stack] if given is None else given
 
 
+class ReturnSpeeds(NamedTuple):
+    """The speeds of a return; ``speed_m_s`` is over the ground for copters, airspeed for planes."""
+
+    speed_m_s: float
+    climb_m_s: float
+
+
+def planned_speeds(section: VehicleSection) -> ReturnSpeeds:
+    """Return the speeds of a return by the scenario."""
+    return ReturnSpeeds(section.return_speed_m_s or section.airspeed_m_s, section.climb_m_s)
+
+
+def expected_speeds(vehicle: Vehicle) -> ReturnSpeeds:
+    """Return the speeds of a return by the autopilot's parameters, else by the scenario."""
+    planned, read = planned_speeds(vehicle.section), vehicle.return_flight
+    return ReturnSpeeds(read.speed_m_s or planned.speed_m_s, read.climb_m_s or planned.climb_m_s)
+
+
 def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: float) -> float:
     """Return the seconds until the vehicle is over home; infinity if the wind prevents it.
 
@@ -34,11 +53,14 @@ def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: 
     """
     home_m = (vehicle.home_m[0] - fix.x_m, vehicle.home_m[1] - fix.y_m)
     climb_m = max(return_amsl_m - fix.altitude_m, 0.0)
-    return return_s(vehicle.section, home_m, (fix.east_m_s, fix.north_m_s), wind_m_s, climb_m)
+    speeds = expected_speeds(vehicle)
+    over_ground_m_s = (fix.east_m_s, fix.north_m_s)
+    return return_s(vehicle.section, speeds, home_m, over_ground_m_s, wind_m_s, climb_m)
 
 
 def return_s(
     section: VehicleSection,
+    speeds: ReturnSpeeds,
     home_m: Vector,
     over_ground_m_s: Vector,
     wind_m_s: Vector,
@@ -50,15 +72,13 @@ def return_s(
     velocity, and ``wind_m_s`` that of the air, each (x, y). Copters, and planes with PX4, climb
     ``climb_m`` before they fly home; ArduPlane climbs on the way.
     """
-    climb_s = climb_m / section.climb_m_s
+    speed_m_s, climb_s = speeds.speed_m_s, climb_m / speeds.climb_m_s
     if section.kind == "copter":
-        speed_m_s = section.return_speed_m_s or section.airspeed_m_s
         fastest_m_s = max(section.max_airspeed_m_s, speed_m_s)
         return climb_s + copter_home_s(home_m, wind_m_s, speed_m_s, fastest_m_s)
-    airspeed_m_s = section.return_speed_m_s or section.airspeed_m_s
     heading = (over_ground_m_s[0] - wind_m_s[0], over_ground_m_s[1] - wind_m_s[1])
     radius_m = section.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
-    straight_s = plane_home_s(home_m, heading, wind_m_s, airspeed_m_s, radius_m)
+    straight_s = plane_home_s(home_m, heading, wind_m_s, speed_m_s, radius_m)
     return climb_s + straight_s if section.stack == "px4" else straight_s
 
 
