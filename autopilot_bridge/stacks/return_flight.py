@@ -81,3 +81,8 @@ def return_height_m(stack: Stack, values: Mapping[str, float]) -> float | None:
 
 def _m(centimetres: float | None) -> float | None:
     return None if centimetres is None else centimetres / 100.0
+
+
+def true_airspeed_factor(altitude_amsl_m: float) -> float:
+    """Return the true airspeed per calibrated airspeed, in the standard atmosphere."""
+    return float((1.0 - 2.25577e-5 * altitude_amsl_m) ** -2.12794)
