@@ -165,6 +165,8 @@ class NativeClient:
         if order.urgent:
             self._drops.withdraw(self._outgoing, f"{name} replaced it", now_us)
             self._jobs.release_mode()
+            if name == "return" and stack.atomic_upload:
+                self._send(*self._jobs.cancel_missions(stack, now_us))
         command_id = self._commands.enqueue(
             name, steps, self._target(), stack, order.urgent, now_us, order.timing
         )
