@@ -24,7 +24,12 @@ from autopilot_bridge.mock.mission_sequencer import (
 from autopilot_bridge.mock.mock_camera import MockCamera
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.stack_constants import stack_constants_of
-from autopilot_bridge.stacks.return_flight import ReturnFlight, true_airspeed_factor
+from autopilot_bridge.stacks.return_flight import (
+    MULTIROTOR_BEGIN_S,
+    UNREAD,
+    ReturnFlight,
+    true_airspeed_factor,
+)
 
 Mode = Literal[
     "idle",
@@ -78,13 +83,14 @@ class FlightModel(Body):
     target: Target | None = None
     payload: Payload = field(init=False)
     radius_m: float = DEFAULT_RADIUS_M  # radius of a hold, negative if anticlockwise
-    returns: ReturnFlight = ReturnFlight()  # by the parameters
+    returns: ReturnFlight = UNREAD  # by the parameters
     orbit_m_s: float = 1.0  # speed of PX4 multirotors on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
     _powered: Limits = field(init=False)  # the limits while the engine runs
     _return_amsl_m: float = field(init=False)
     _stops: bool = False  # a multirotor stops before it flies home
+    _flies_home_at_s: float = math.inf  # after it has stopped
     _disarm_at_s: float = math.inf
     _fix_s: float = 0.0  # time of the last fix
     _jumps: dict[int, int] = field(default_factory=dict)
@@ -456,6 +462,7 @@ class FlightModel(Body):
             north_m = motion.north_m + ahead_m * math.cos(motion.course_rad)
             east_m = motion.east_m + ahead_m * math.sin(motion.course_rad)
             self._hold_at, self._stops = (north_m, east_m, motion.altitude_m), True
+            self._flies_home_at_s = math.inf
         self.limits = replace(self.limits, airspeed_m_s=speed_m_s)
 
     def _return(self, now_s: float) -> bool:
@@ -474,7 +481,9 @@ class FlightModel(Body):
         if not self.airborne:
             return True
         if self._stops:
-            self._stops = self.motion.speed_m_s > 0.5
+            if self.motion.speed_m_s <= 0.5 and math.isinf(self._flies_home_at_s):
+                self._flies_home_at_s = now_s + MULTIROTOR_BEGIN_S[self.stack.name]
+            self._stops = now_s < self._flies_home_at_s
             self.loiter(self._hold_at[:2], self._hold_at[2], 0.0)
             return False
         if self.distance((0.0, 0.0)) < 1.0:

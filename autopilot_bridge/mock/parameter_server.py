@@ -56,6 +56,7 @@ _PX4 = {
     "COM_FAIL_ACT_T": (5.0, REAL32),
     "COM_RC_IN_MODE": (1.0, INT32),
     "FW_AIRSPD_TRIM": (15.0, REAL32),
+    "FW_R_LIM": (50.0, REAL32),
     "FW_T_CLMB_R_SP": (3.0, REAL32),
     "MIS_TAKEOFF_ALT": (20.0, REAL32),
     "MIS_TKO_LAND_REQ": (0.0, INT32),
@@ -82,7 +83,8 @@ def _of_limits(stack: Stack, limits: Limits) -> dict[str, float]:
     """Return the parameters of speeds and acceleration; ArduPilot's multirotors use cm."""
     speed_m_s, climb_m_s = limits.airspeed_m_s, limits.climb_m_s
     if stack.name == "px4" and stack.vehicle == "plane":
-        return {"FW_AIRSPD_TRIM": speed_m_s, "FW_T_CLMB_R_SP": climb_m_s}
+        turn = {"FW_AIRSPD_TRIM": speed_m_s, "FW_R_LIM": limits.bank_deg}
+        return {**turn, "FW_T_CLMB_R_SP": climb_m_s}
     if stack.name == "px4":
         up = {"MPC_XY_CRUISE": speed_m_s, "MPC_Z_V_AUTO_UP": climb_m_s}
         return {**up, "MPC_ACC_HOR": limits.acceleration_m_s2}

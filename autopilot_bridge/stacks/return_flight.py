@@ -11,13 +11,18 @@ from typing import NamedTuple
 from autopilot_bridge.stacks.stacks import Stack
 
 _PARAMETERS = {
-    ("px4", "plane"): ("FW_AIRSPD_TRIM", "FW_T_CLMB_R_SP", "RTL_RETURN_ALT", "RTL_TYPE"),
+    ("px4", "plane"): (
+        *("FW_AIRSPD_TRIM", "FW_T_CLMB_R_SP", "FW_R_LIM", "RTL_RETURN_ALT", "RTL_TYPE"),
+    ),
     ("px4", "copter"): ("MPC_XY_CRUISE", "MPC_Z_V_AUTO_UP", "MPC_ACC_HOR", "RTL_RETURN_ALT"),
     ("ardupilot", "plane"): ("AIRSPEED_CRUISE", "RTL_ALTITUDE"),
     ("ardupilot", "copter"): (
         *("RTL_SPEED", "WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_ACCEL", "RTL_ALT"),
     ),
 }
+# Time that a multirotor loses, besides stopping and accelerating, until its controllers have settled
+# in the direction of home: measured in the simulators of PX4 1.17 (SIH) and ArduCopter 4.6.2.
+MULTIROTOR_BEGIN_S = {"px4": 6.0, "ardupilot": 0.0}
 _TO_LANDING = (1, 2, 3, 4)  # values of RTL_TYPE that lead to the landing of the mission
 
 
@@ -26,15 +31,20 @@ class ReturnFlight(NamedTuple):
 
     ``speed_m_s`` is over the ground for multirotors, and the calibrated airspeed of planes.
     ``height_m`` is above home, and None also if the autopilot returns at its current height.
-    ``to_landing`` is whether PX4 returns to the landing at the end of its mission, if there is one,
-    instead of its home.
+    ``bank_deg`` is the limit of PX4 planes, with which they turn; ArduPlane turns less sharply
+    than its limit. ``to_landing`` is whether PX4 returns to the landing at the end of its mission,
+    if there is one, instead of its home.
     """
 
     speed_m_s: float | None = None
     height_m: float | None = None
     climb_m_s: float | None = None
     acceleration_m_s2: float | None = None
+    bank_deg: float | None = None
     to_landing: bool = False
+
+
+UNREAD = ReturnFlight()
 
 
 def parameters_of(stack: Stack) -> tuple[str, ...]:
@@ -53,7 +63,8 @@ def return_flight_of(stack: Stack, values: Mapping[str, float]) -> ReturnFlight:
     if stack.name == "px4" and stack.vehicle == "plane":
         to_landing = values.get("RTL_TYPE") in _TO_LANDING
         speed_m_s, climb_m_s = values.get("FW_AIRSPD_TRIM"), values.get("FW_T_CLMB_R_SP")
-        return ReturnFlight(speed_m_s, height_m, climb_m_s, None, to_landing)
+        bank_deg = values.get("FW_R_LIM")
+        return ReturnFlight(speed_m_s, height_m, climb_m_s, None, bank_deg, to_landing)
     if stack.name == "px4":
         speed_m_s, climb_m_s = values.get("MPC_XY_CRUISE"), values.get("MPC_Z_V_AUTO_UP")
         return ReturnFlight(speed_m_s, height_m, climb_m_s, values.get("MPC_ACC_HOR"))

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from autopilot_bridge.stacks.return_flight import ReturnFlight
+from autopilot_bridge.stacks.return_flight import UNREAD, ReturnFlight
 from autopilot_bridge.transitions import enter
 from mission_service.commands import Announce
 from mission_service.config.sections import VehicleSection
@@ -118,7 +118,7 @@ class Vehicle:
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
     lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown
-    return_flight: ReturnFlight = ReturnFlight()  # by its parameters, as far as they were read
+    return_flight: ReturnFlight = UNREAD  # by its parameters, as far as they were read
     current_seq: int = 0  # index of the mission item that the vehicle flies, as last reported
     takes_off: bool = False  # whether the vehicle flies the takeoff item of its mission
     uploaded_at_s: float = -1e9
