@@ -468,8 +468,8 @@ class FlightModel(Body):
     def _return(self, now_s: float) -> bool:
         """Fly home; a plane circles there, a copter lands. Return True when it has landed.
 
-        Copters stop first. Copters, and planes with PX4, climb to their return height before they fly home (ArduCopter
-        4.6, PX4 1.17).
+        Copters stop first. Copters, and planes with PX4, climb to their return height before they
+        fly home (ArduCopter 4.6, PX4 1.17).
         """
         low = self.motion.altitude_m < self._return_amsl_m - HIGH_ENOUGH_M
         if self.stack.vehicle == "plane":

@@ -20,8 +20,8 @@ _PARAMETERS = {
         *("RTL_SPEED", "WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_ACCEL", "RTL_ALT"),
     ),
 }
-# Time that a multirotor loses, besides stopping and accelerating, until its controllers have settled
-# in the direction of home: measured in the simulators of PX4 1.17 (SIH) and ArduCopter 4.6.2.
+# Time that a multirotor loses, besides stopping and accelerating, until its controllers settle
+# in the direction of home, measured in the simulators of PX4 1.17 (SIH) and ArduCopter 4.6.2.
 MULTIROTOR_BEGIN_S = {"px4": 6.0, "ardupilot": 0.0}
 _TO_LANDING = (1, 2, 3, 4)  # values of RTL_TYPE that lead to the landing of the mission
 
