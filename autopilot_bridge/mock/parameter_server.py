@@ -32,7 +32,6 @@ _PLANE = {
     "FS_GCS_ENABL": (0.0, INT8),
     "FS_LONG_ACTN": (0.0, INT8),
     "FS_LONG_TIMEOUT": (5.0, REAL32),
-    "ROLL_LIMIT_DEG": (45.0, REAL32),
     "RTL_ALTITUDE": (100.0, REAL32),
     "RTL_AUTOLAND": (0.0, INT8),
     "SERIAL0_BAUD": (115.0, INT32),
@@ -90,7 +89,7 @@ def _of_limits(stack: Stack, limits: Limits) -> dict[str, float]:
         up = {"MPC_XY_CRUISE": speed_m_s, "MPC_Z_V_AUTO_UP": climb_m_s}
         return {**up, "MPC_ACC_HOR": limits.acceleration_m_s2}
     if stack.vehicle == "plane":
-        return {"AIRSPEED_CRUISE": speed_m_s, "ROLL_LIMIT_DEG": limits.bank_deg}
+        return {"AIRSPEED_CRUISE": speed_m_s}
     up = {"WPNAV_SPEED": 100.0 * speed_m_s, "WPNAV_SPEED_UP": 100.0 * climb_m_s}
     return {**up, "WPNAV_ACCEL": 100.0 * limits.acceleration_m_s2}
 

@@ -15,14 +15,11 @@ _PARAMETERS = {
         *("FW_AIRSPD_TRIM", "FW_T_CLMB_R_SP", "FW_R_LIM", "RTL_RETURN_ALT", "RTL_TYPE"),
     ),
     ("px4", "copter"): ("MPC_XY_CRUISE", "MPC_Z_V_AUTO_UP", "MPC_ACC_HOR", "RTL_RETURN_ALT"),
-    ("ardupilot", "plane"): ("AIRSPEED_CRUISE", "ROLL_LIMIT_DEG", "RTL_ALTITUDE"),
+    ("ardupilot", "plane"): ("AIRSPEED_CRUISE", "RTL_ALTITUDE"),
     ("ardupilot", "copter"): (
         *("RTL_SPEED", "WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_ACCEL", "RTL_ALT"),
     ),
 }
-# ArduPlane's guidance (AP_L1_Control) demands a lateral acceleration of at most 4 pi NAVL1_DAMPING
-# times the ground speed / NAVL1_PERIOD: 50 degrees of bank at 18 m/s with 0.75 and 15 s.
-ARDUPLANE_BANK_DEG = 50.0
 # Time that a multirotor loses, besides stopping and accelerating, until its controllers settle
 # in the direction of home, measured in the simulators of PX4 1.17 (SIH) and ArduCopter 4.6.2.
 MULTIROTOR_BEGIN_S = {"px4": 6.0, "ardupilot": 0.0}
@@ -34,8 +31,9 @@ class ReturnFlight(NamedTuple):
 
     ``speed_m_s`` is over the ground for multirotors, and the calibrated airspeed of planes.
     ``height_m`` is above home, and None also if the autopilot returns at its current height.
-    ``bank_deg`` is the bank with which a plane turns home. ``to_landing`` is whether PX4 returns to
-    the landing at the end of its mission, if there is one, instead of its home.
+    ``bank_deg`` is the limit of PX4 planes, with which they turn; ArduPlane turns less sharply
+    than its limit. ``to_landing`` is whether PX4 returns to the landing at the end of its mission,
+    if there is one, instead of its home.
     """
 
     speed_m_s: float | None = None
@@ -71,9 +69,7 @@ def return_flight_of(stack: Stack, values: Mapping[str, float]) -> ReturnFlight:
         speed_m_s, climb_m_s = values.get("MPC_XY_CRUISE"), values.get("MPC_Z_V_AUTO_UP")
         return ReturnFlight(speed_m_s, height_m, climb_m_s, values.get("MPC_ACC_HOR"))
     if stack.vehicle == "plane":
-        limit_deg = values.get("ROLL_LIMIT_DEG")
-        bank_deg = None if limit_deg is None else min(limit_deg, ARDUPLANE_BANK_DEG)
-        return ReturnFlight(values.get("AIRSPEED_CRUISE"), height_m, bank_deg=bank_deg)
+        return ReturnFlight(values.get("AIRSPEED_CRUISE"), height_m)
     speed_cm_s = values.get("RTL_SPEED")
     if speed_cm_s == 0.0:
         speed_cm_s = values.get("WPNAV_SPEED")

@@ -36,8 +36,6 @@ CASES: list[tuple[Stack, dict[str, float], ReturnFlight]] = [
     ),
     (ARDUPLANE, {"AIRSPEED_CRUISE": 22, "RTL_ALTITUDE": 100}, ReturnFlight(22, 100)),
     (ARDUPLANE, {"AIRSPEED_CRUISE": 22, "RTL_ALTITUDE": -1}, ReturnFlight(22)),
-    (ARDUPLANE, {"ROLL_LIMIT_DEG": 45}, ReturnFlight(bank_deg=45)),
-    (ARDUPLANE, {"ROLL_LIMIT_DEG": 65}, ReturnFlight(bank_deg=50)),
     (
         ARDUCOPTER,
         {"RTL_SPEED": 0, "WPNAV_SPEED": 1000, "WPNAV_ACCEL": 250, "RTL_ALT": 1500},
