@@ -322,7 +322,7 @@ class EstimatorStatusChanged(Event, frozen=True, tag=True):
 
 
 class ParametersReported(Event, frozen=True, tag=True):
-    """The autopilot's parameters that determine its reaction to a lost link were read.
+    """The autopilot's parameters of the reaction to a lost link and of the return were read.
 
     ``stack`` is that of ``VehicleConnected``, and ``station_id`` the system id of the service's
     heartbeats. The autopilot did not reply for the parameters ``missing``.

@@ -165,6 +165,8 @@ class NativeClient:
         if order.urgent:
             self._drops.withdraw(self._outgoing, f"{name} replaced it", now_us)
             self._jobs.release_mode()
+            if name == "return" and stack.atomic_upload:
+                self._send(*self._jobs.cancel_missions(stack, "the vehicle returns", now_us))
         command_id = self._commands.enqueue(
             name, steps, self._target(), stack, order.urgent, now_us, order.timing
         )
@@ -332,6 +334,8 @@ class NativeClient:
         if mode != before and not self._commanded_modes.has(mode, now_us):
             why = changed_meanwhile(stack, mode)
             self._jobs.mode_overridden(why)
+            if mode == stack.rtl_mode and stack.atomic_upload:
+                self._send(*self._jobs.cancel_missions(stack, why, now_us))
             self._send(*self._commands.release_mode(why, now_us))
         elif was_armed and not self.armed:
             self._send(*self._commands.release_mode("it was disarmed meanwhile", now_us))

@@ -84,9 +84,9 @@ class MockAutopilot:
         self._boot_us: int | None = None
         self._steps = 0
         self.intervals = Intervals(stack)
-        self.parameters = ParameterServer(stack)
+        self.parameters = ParameterServer(stack, limits)
         self._station = GroundStationLink(stack, self.parameters.value)
-        self.flight.return_m = self.parameters.return_m
+        self.flight.returns = self.parameters.return_flight
         self.telemetry = TelemetrySender(stack, self.missions, self.intervals, self._send)
         self._commands = CommandServer(
             stack, self.missions, self.intervals, self.parameters, self._send
@@ -192,7 +192,7 @@ class MockAutopilot:
     def reboot(self, now_us: int) -> None:
         """Restart the autopilot at the current position, disarmed; lists remain, transfers end."""
         self.flight = self.flight.rebooted()
-        self.flight.return_m = self.parameters.return_m
+        self.flight.returns = self.parameters.return_flight
         self._station = GroundStationLink(self.stack, self.parameters.value)
         self.missions.forget_transfers()
         self.telemetry.stop_repeats()
@@ -222,7 +222,7 @@ class MockAutopilot:
             self.ftp.receive(message, now_us)
         elif kind.startswith("PARAM_"):
             self._send(*self.parameters.receive(message))
-            self.flight.return_m = self.parameters.return_m
+            self.flight.returns = self.parameters.return_flight
         elif kind.startswith("MISSION_") and hasattr(message, "target_component"):
             self._send(*self.missions.receive(message, now_us))
             self._apply_mission()

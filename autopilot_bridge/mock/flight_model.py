@@ -24,6 +24,12 @@ from autopilot_bridge.mock.mission_sequencer import (
 from autopilot_bridge.mock.mock_camera import MockCamera
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.stack_constants import stack_constants_of
+from autopilot_bridge.stacks.return_flight import (
+    MULTIROTOR_BEGIN_S,
+    UNREAD,
+    ReturnFlight,
+    true_airspeed_factor,
+)
 
 Mode = Literal[
     "idle",
@@ -77,12 +83,14 @@ class FlightModel(Body):
     target: Target | None = None
     payload: Payload = field(init=False)
     radius_m: float = DEFAULT_RADIUS_M  # radius of a hold, negative if anticlockwise
-    return_m: float = 60.0  # minimum height above home during the return; not of ArduPlane
+    returns: ReturnFlight = UNREAD  # by the parameters
     orbit_m_s: float = 1.0  # speed of PX4 multirotors on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
     _powered: Limits = field(init=False)  # the limits while the engine runs
     _return_amsl_m: float = field(init=False)
+    _stops: bool = False  # a multirotor stops before it flies home
+    _flies_home_at_s: float = math.inf  # after it has stopped
     _disarm_at_s: float = math.inf
     _fix_s: float = 0.0  # time of the last fix
     _jumps: dict[int, int] = field(default_factory=dict)
@@ -137,7 +145,9 @@ class FlightModel(Body):
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
             self.radius_m = DEFAULT_RADIUS_M
             self._return_amsl_m = self._return_altitude_amsl_m()
-            if self.stack.vehicle == "plane":  # a mode change cancels a commanded speed
+            if mode == "rtl":
+                self._begin_return()
+            elif self.stack.vehicle == "plane":  # a mode change cancels a commanded speed
                 self.limits = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         if mode == "mission" and before != "mission":
             self.go_to(self.current, now_s)
@@ -435,14 +445,31 @@ class FlightModel(Body):
 
     def _return_altitude_amsl_m(self) -> float:
         if (self.stack.name, self.stack.vehicle) == ("ardupilot", "plane"):
-            return self.frame.altitude_m + 100.0
-        return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
+            height_m = self.returns.height_m
+            return self._hold_at[2] if height_m is None else self.frame.altitude_m + height_m
+        return max(self.motion.altitude_m, self.frame.altitude_m + (self.returns.height_m or 0.0))
+
+    def _begin_return(self) -> None:
+        """Set the speed of the parameters, and the place where a multirotor has stopped.
+
+        Planes keep the calibrated airspeed; the limits contain the true airspeed.
+        """
+        motion, speed_m_s = self.motion, self.returns.speed_m_s or self._cruise_m_s
+        if self.stack.vehicle == "plane":
+            speed_m_s *= true_airspeed_factor(motion.altitude_m)
+        else:
+            ahead_m = motion.speed_m_s**2 / (2.0 * self.limits.acceleration_m_s2)
+            north_m = motion.north_m + ahead_m * math.cos(motion.course_rad)
+            east_m = motion.east_m + ahead_m * math.sin(motion.course_rad)
+            self._hold_at, self._stops = (north_m, east_m, motion.altitude_m), True
+            self._flies_home_at_s = math.inf
+        self.limits = replace(self.limits, airspeed_m_s=speed_m_s)
 
     def _return(self, now_s: float) -> bool:
         """Fly home; a plane circles there, a copter lands. Return True when it has landed.
 
-        Copters, and planes with PX4, climb to their return height before they fly home (ArduCopter
-        4.6, PX4 1.17).
+        Copters stop first. Copters, and planes with PX4, climb to their return height before they
+        fly home (ArduCopter 4.6, PX4 1.17).
         """
         low = self.motion.altitude_m < self._return_amsl_m - HIGH_ENOUGH_M
         if self.stack.vehicle == "plane":
@@ -453,6 +480,12 @@ class FlightModel(Body):
             return False
         if not self.airborne:
             return True
+        if self._stops:
+            if self.motion.speed_m_s <= 0.5 and math.isinf(self._flies_home_at_s):
+                self._flies_home_at_s = now_s + MULTIROTOR_BEGIN_S[self.stack.name]
+            self._stops = now_s < self._flies_home_at_s
+            self.loiter(self._hold_at[:2], self._hold_at[2], 0.0)
+            return False
         if self.distance((0.0, 0.0)) < 1.0:
             return self._down((0.0, 0.0), now_s)
         place = (self.motion.north_m, self.motion.east_m) if low else (0.0, 0.0)

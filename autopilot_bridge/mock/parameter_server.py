@@ -6,6 +6,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Message
+from autopilot_bridge.mock.kinematics import Limits
+from autopilot_bridge.stacks.return_flight import ReturnFlight, return_flight_of
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.parameters import REAL32, decoded_value, encoded_value
 
@@ -43,17 +45,26 @@ _COPTER = {
     "FS_GCS_TIMEOUT": (5.0, REAL32),
     "FS_OPTIONS": (16.0, INT32),
     "RTL_ALT": (1500.0, INT32),
+    "RTL_SPEED": (0.0, INT16),
+    "WPNAV_ACCEL": (250.0, REAL32),
     "WPNAV_SPEED": (1000.0, REAL32),
+    "WPNAV_SPEED_UP": (250.0, REAL32),
 }
 _PX4 = {
     "COM_DL_LOSS_T": (10.0, INT32),
     "COM_DLL_EXCEPT": (0.0, INT32),
     "COM_FAIL_ACT_T": (5.0, REAL32),
     "COM_RC_IN_MODE": (1.0, INT32),
+    "FW_AIRSPD_TRIM": (15.0, REAL32),
+    "FW_R_LIM": (50.0, REAL32),
+    "FW_T_CLMB_R_SP": (3.0, REAL32),
     "MIS_TAKEOFF_ALT": (20.0, REAL32),
     "MIS_TKO_LAND_REQ": (0.0, INT32),
     "MAV_SYS_ID": (1.0, INT32),
     "GF_ACTION": (2.0, INT32),
+    "MPC_ACC_HOR": (3.0, REAL32),
+    "MPC_XY_CRUISE": (5.0, REAL32),
+    "MPC_Z_V_AUTO_UP": (3.0, REAL32),
     "NAV_DLL_ACT": (0.0, INT32),
     "NAV_LOITER_RAD": (80.0, REAL32),
     "RTL_CONE_ANG": (45.0, INT32),
@@ -68,16 +79,37 @@ class _Held:
     kind: int
 
 
-class ParameterServer:
-    """The parameters of one mock; requests with unknown names get no reply."""
+def _of_limits(stack: Stack, limits: Limits) -> dict[str, float]:
+    """Return the parameters of speeds and acceleration; ArduPilot's multirotors use cm."""
+    speed_m_s, climb_m_s = limits.airspeed_m_s, limits.climb_m_s
+    if stack.name == "px4" and stack.vehicle == "plane":
+        turn = {"FW_AIRSPD_TRIM": speed_m_s, "FW_R_LIM": limits.bank_deg}
+        return {**turn, "FW_T_CLMB_R_SP": climb_m_s}
+    if stack.name == "px4":
+        up = {"MPC_XY_CRUISE": speed_m_s, "MPC_Z_V_AUTO_UP": climb_m_s}
+        return {**up, "MPC_ACC_HOR": limits.acceleration_m_s2}
+    if stack.vehicle == "plane":
+        return {"AIRSPEED_CRUISE": speed_m_s}
+    up = {"WPNAV_SPEED": 100.0 * speed_m_s, "WPNAV_SPEED_UP": 100.0 * climb_m_s}
+    return {**up, "WPNAV_ACCEL": 100.0 * limits.acceleration_m_s2}
 
-    def __init__(self, stack: Stack) -> None:
+
+class ParameterServer:
+    """The parameters of one mock; requests with unknown names get no reply.
+
+    The parameters of the return have the values that lead to the mock's ``limits``.
+    """
+
+    def __init__(self, stack: Stack, limits: Limits) -> None:
+        self._stack = stack
         self._bytewise = stack.name == "px4"
         plane = stack.vehicle == "plane"
         table = _PX4 if self._bytewise else _PLANE if plane else _COPTER
         self._held = {name: _Held(*held) for name, held in sorted(table.items())}
         if self._bytewise and plane:
             self.change("MIS_TKO_LAND_REQ", 2.0)  # the default of PX4 for fixed wings
+        for name, value in _of_limits(stack, limits).items():
+            self.change(name, value)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -85,11 +117,11 @@ class ParameterServer:
         return tuple(self._held)
 
     @property
-    def return_m(self) -> float:
-        """The minimum height above home of a copter's return, in metres."""
-        if "RTL_ALT" in self._held:
-            return self.value("RTL_ALT") / 100.0
-        return self.value("RTL_RETURN_ALT") if self._bytewise else 0.0
+    def return_flight(self) -> ReturnFlight:
+        """How the vehicle returns."""
+        return return_flight_of(
+            self._stack, {name: held.value for name, held in self._held.items()}
+        )
 
     def value(self, name: str) -> float:
         """Return a parameter's value."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.stacks.return_flight import return_height_m
 from autopilot_bridge.stacks.stacks import Stack
 
 Phase = Literal["mission", "guided", "hold"]
@@ -208,10 +209,11 @@ def link_loss_of(stack: Stack, values: Values, station_id: int = STATION_ID) -> 
     absent = missing(stack, values)
     if absent:
         raise BridgeError(f"the reaction to a lost link needs the values of {', '.join(absent)}")
+    height_m = return_height_m(stack, values)
     if stack.name == "px4":
-        return _px4(values)
+        return _px4(values, height_m)
     react = _arduplane if stack.vehicle == "plane" else _arducopter
-    return react(values, station_id)
+    return react(values, station_id, height_m)
 
 
 def changes_for(
@@ -270,7 +272,7 @@ def _warnings(values: Values, name: str, known: Mapping[int, Action], instead: s
     return [f"{name} = {number}: it {VERBS[action]}"] if action in DANGEROUS else []
 
 
-def _px4(values: Values) -> LinkLoss:
+def _px4(values: Values, height_m: float | None) -> LinkLoss:
     action = _PX4_ACTIONS.get(int(values["NAV_DLL_ACT"]), "continue")
     lost_s, delay_s = values["COM_DL_LOSS_T"], values["COM_FAIL_ACT_T"]
     reaction: Reaction = () if action == "continue" else (TimedAction(lost_s, action),)
@@ -289,10 +291,10 @@ def _px4(values: Values) -> LinkLoss:
         number = int(values["GF_ACTION"])
         fence = _PX4_FENCE.get(number, f"undefined ({number})")
     warnings = _warnings(values, "NAV_DLL_ACT", _PX4_ACTIONS, "PX4 does not react")
-    return LinkLoss(reactions, values.get("RTL_RETURN_ALT"), fence, tuple(warnings))
+    return LinkLoss(reactions, height_m, fence, tuple(warnings))
 
 
-def _arduplane(values: Values, station_id: int) -> LinkLoss:
+def _arduplane(values: Values, station_id: int, height_m: float | None) -> LinkLoss:
     enabled, number = int(values["FS_GCS_ENABL"]), int(values["FS_LONG_ACTN"])
     after_s = values["FS_LONG_TIMEOUT"]
     long = _LONG_ACTIONS.get(number, "continue")
@@ -314,13 +316,10 @@ def _arduplane(values: Values, station_id: int) -> LinkLoss:
     elif enabled:
         instead = "ArduPlane continues in AUTO and GUIDED, and returns from LOITER"
         warnings += _warnings(values, "FS_LONG_ACTN", _LONG_ACTIONS, instead)
-    height_m = values.get("RTL_ALTITUDE")
-    if height_m is not None and height_m < 0.0:  # the current altitude
-        height_m = None
     return _ardupilot(values, station_id, reactions, warnings, height_m, _PLANE_FENCE)
 
 
-def _arducopter(values: Values, station_id: int) -> LinkLoss:
+def _arducopter(values: Values, station_id: int, height_m: float | None) -> LinkLoss:
     number, options = int(values["FS_GCS_ENABLE"]), int(values["FS_OPTIONS"])
     action = _COPTER_ACTIONS.get(number, "return")
     reaction: Reaction = ()
@@ -333,7 +332,6 @@ def _arducopter(values: Values, station_id: int) -> LinkLoss:
         "hold": () if options & 16 else reaction,
     }
     warnings = _warnings(values, "FS_GCS_ENABLE", _COPTER_ACTIONS, "ArduCopter returns")
-    height_m = values["RTL_ALT"] / 100.0 if "RTL_ALT" in values else None
     return _ardupilot(values, station_id, reactions, warnings, height_m, _COPTER_FENCE)
 
 

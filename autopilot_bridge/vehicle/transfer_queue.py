@@ -94,6 +94,24 @@ class TransferQueue:
         job.cancelled = True
         return job.exchange.cancel(stack.cancels_after_us, now_us)
 
+    def cancel_missions(self, stack: Stack, why: str, now_us: int) -> list[Message]:
+        """Cancel all uploads of missions because the vehicle returns, with ``why`` as the reason.
+
+        PX4 returns by its mission, to the landing at its end. A mission that arrives during the
+        return, or a change of the current item, makes PX4 1.17 fly the mission from this item on.
+        """
+        jobs = [*self._queue, *([] if self._job is None else [self._job])]
+        uploads = [job for job in jobs if (job.action, job.kind) == ("upload", "mission")]
+        messages = []
+        for job in uploads:
+            if isinstance(job.exchange, MissionActivation):
+                job.exchange.stop_commands(why)
+            elif isinstance(job.exchange, MissionUpload) or job.exchange is None:
+                messages += self.cancel(job.transfer_id, stack, now_us)
+            if job.cancelled and job.exchange is not None and job.exchange.result is not None:
+                job.exchange.result = replace(job.exchange.result, reason=why)
+        return messages
+
     def release_mode(self) -> None:
         """Prevent uploads from changing the mode from now on, because a command controls the mode.
 

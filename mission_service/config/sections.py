@@ -276,8 +276,9 @@ class VehicleSection(Section):
     # Remaining charge after the landing, and the voltage below which the vehicle returns.
     battery_reserve_pct: Annotated[float, Field(ge=0, le=90)] = 20.0
     battery_min_voltage_v: Positive | None = None
-    # The return: the height above home to which copters, and planes with PX4, climb first; the
-    # speed (over the ground for copters, airspeed for planes); and the climb rate.
+    # The return, until the autopilot's parameters are read: the height above home to which copters,
+    # and planes with PX4, climb first; the speed (over the ground for copters, airspeed for
+    # planes); and the climb rate.
     return_height_m: NotNegative | None = None  # default: 60 with PX4, 15 with ArduPilot
     return_speed_m_s: Positive | None = None  # default: airspeed_m_s
     climb_m_s: Positive = 3.0

@@ -104,7 +104,7 @@ class ClearingPredictions:
             return math.inf
         wind_m_s = self._energy.wind_m_s(vehicle, at_s)
         if vehicle.section.kind == "copter":
-            height_m = self._energy.return_height_m(vehicle.section)
+            height_m = self._energy.return_height_m(vehicle)
             return copter_landing_s(vehicle, fix, wind_m_s, height_m)
         mission = vehicle.landing_state.mission if vehicle.landing_state.uses_field else None
         try:

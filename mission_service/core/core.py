@@ -39,6 +39,7 @@ from mission_service.core.operator_orders import OperatorOrders, hold_again
 from mission_service.core.other_aircraft import OtherAircraft
 from mission_service.core.preflight import Preflight
 from mission_service.core.request_results import RequestResults
+from mission_service.core.return_parameters import return_read
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
 from mission_service.guidance.way_of_flying import WayOfFlying
@@ -325,7 +326,7 @@ class Core:
     def _parameters_reported(
         self, vehicle: Vehicle, event: events.ParametersReported
     ) -> list[AnyCommand]:
-        return reaction_compared(vehicle, event)
+        return [*reaction_compared(vehicle, event), *return_read(vehicle, event)]
 
     def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         availability = vehicle.availability

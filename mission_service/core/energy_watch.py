@@ -11,7 +11,6 @@ from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, ReportEnergy
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import VehicleSection
 from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.availability import GOING_HOME, named_mode
@@ -77,16 +76,16 @@ class EnergyWatch:
         if not times or fix is None:
             return None
         home_amsl_m = event.altitude_amsl_m - event.altitude_relative_m
-        return_amsl_m = home_amsl_m + self.return_height_m(vehicle.section)
-        return estimate(
-            times, home_s(vehicle, fix, self.wind_m_s(vehicle, at_s), return_amsl_m), at_s
-        )
+        return_amsl_m = home_amsl_m + self.return_height_m(vehicle)
+        found_s = home_s(vehicle, fix, self.wind_m_s(vehicle, at_s), return_amsl_m)
+        return estimate(times, found_s, at_s)
 
-    def return_height_m(self, section: VehicleSection) -> float:
-        """Return the height above home at which the vehicle returns: ordered, given or usual."""
-        if self._ordered_height_m is not None:
-            return self._ordered_height_m
-        return usual_return_height_m(section)
+    def return_height_m(self, vehicle: Vehicle) -> float:
+        """Return the height above home at which the vehicle returns: ordered, read or usual."""
+        for height_m in (self._ordered_height_m, vehicle.return_flight.height_m):
+            if height_m is not None:
+                return height_m
+        return usual_return_height_m(vehicle.section)
 
     def wind_m_s(self, vehicle: Vehicle, at_s: float) -> Vector:
         """Return the velocity of the air (x, y) on the map, as measured or by the scenario."""

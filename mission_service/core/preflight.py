@@ -134,7 +134,7 @@ class Preflight:
         departure = Departure(
             at_s,
             self._energy.wind_m_s(vehicle, at_s),
-            self._energy.return_height_m(vehicle.section),
+            self._energy.return_height_m(vehicle),
             ground_amsl_m,
             self._airspace.departure_obstacle(vehicle, at_s),
             aircraft is not None,

@@ -39,6 +39,8 @@ class RequestResults:
         if vehicle.ordered and pending.evades:  # the hold that the evasion replaced
             vehicle.hold_again_at_s = vehicle.not_before_s
         failure = f"mission {event.mission_id} {event.outcome}: {event.reason}"
+        if event.outcome == "cancelled" and vehicle.availability.recalled:
+            return [announce(vehicle, f"mission {event.mission_id} cancelled: the vehicle returns")]
         words = f"{failure}; trying again in {RETRY_S:.0f} s"
         commands: list[AnyCommand] = [announce(vehicle, words, warning=True)]
         in_mission = vehicle.availability.flies and self.guidance.in_mission(vehicle.name)

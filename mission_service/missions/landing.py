@@ -68,6 +68,14 @@ class Landing:
             self._wind_from_deg = wind_from_deg
         return self._items
 
+    def start_at(self, at_s: float) -> tuple[float, float] | None:
+        """Return the centre (x, y) of the loiter that begins the landing; None if there is none."""
+        items = self.items_at(at_s)
+        if not items:
+            return None
+        loiter = items[1]  # after DO_LAND_START
+        return self._landscape.xy_of_lat_lon(loiter.x / 1e7, loiter.y / 1e7)
+
     def wind_at(self, at_s: float) -> tuple[float, float]:
         """Return speed (m/s) and direction (from, degrees) of the scenario's wind at a time."""
         assert self._weather is not None, "multirotors land without a mission"

@@ -10,7 +10,12 @@ from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.fire.scenario_fire import weather_of
 from mission_service.relief.watch import NEVER_S, WatchAircraft
-from mission_service.vehicles.endurance import outbound_s, return_s, usual_return_height_m
+from mission_service.vehicles.endurance import (
+    outbound_s,
+    planned_performance,
+    return_s,
+    usual_return_height_m,
+)
 from mission_service.vehicles.energy import landing_s
 from mission_service.vehicles.way_home import Vector
 
@@ -86,7 +91,8 @@ def _flight_times(
         """Return the time of the flight home that begins in the opposite direction."""
         away_m_s = _scaled(to_task_m, section.airspeed_m_s)
         over_ground_m_s = (away_m_s[0] + wind_m_s[0], away_m_s[1] + wind_m_s[1])
-        return return_s(section, to_home_m, over_ground_m_s, wind_m_s, return_climb_m)
+        performance = planned_performance(section)
+        return return_s(section, performance, to_home_m, over_ground_m_s, wind_m_s, return_climb_m)
 
     out = max(outbound_s(section, to_task_m, wind, climb_m) for wind in winds)
     return _whole(out), _whole(max(map(back_s, winds)))

@@ -45,7 +45,14 @@ class MockEnvironment:
     seed: int = 0
     parameters: dict[str, float] = field(default_factory=dict)
 
-    def mock(self, stack: str, kind: str, system_id: int, home: tuple[float, ...]) -> MockAutopilot:
+    def mock(
+        self,
+        stack: str,
+        kind: str,
+        system_id: int,
+        home: tuple[float, ...],
+        airspeed_m_s: float = 18.0,
+    ) -> MockAutopilot:
         """Make a mock. Raises MissionServiceError for an invalid home or an unknown parameter."""
         lat_deg, lon_deg, altitude_m = home
         ground_m = self.terrain_amsl_m
@@ -57,6 +64,7 @@ class MockEnvironment:
             stack_named(stack, kind),
             LocalFrame(lat_deg, lon_deg, altitude_m),
             system_id=system_id,
+            airspeed_m_s=airspeed_m_s,
             wind=self.wind,
             terrain=None if ground_m is None else lambda lat_deg, lon_deg: ground_m,
             battery_minutes=self.battery_minutes,
@@ -176,8 +184,7 @@ def _of_section(
     plain = mock_of(section, landscape)
     frame = plain.flight.frame
     home = (frame.lat_deg, frame.lon_deg, frame.altitude_m)
-    mock = around.mock(section.stack, section.kind, section.system_id, home)
-    mock.flight.change_cruise(section.airspeed_m_s)
+    mock = around.mock(section.stack, section.kind, section.system_id, home, section.airspeed_m_s)
     if scenario.passes_image_files:
         fire = simulated_fire_of(scenario, landscape)
         assert fire is not None

@@ -1,7 +1,9 @@
 """Decides when the remaining energy of a vehicle is needed for its flight home. Pure."""
 
 import math
+from typing import NamedTuple
 
+from autopilot_bridge.stacks.return_flight import MULTIROTOR_BEGIN_S, true_airspeed_factor
 from mission_service.config.sections import VehicleSection
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
@@ -9,6 +11,8 @@ from mission_service.vehicles.vehicle_state import Vehicle
 from mission_service.vehicles.way_home import Vector, copter_home_s, plane_home_s
 
 RETURN_HEIGHTS_M = {"px4": 60.0, "ardupilot": 15.0}  # RTL_RETURN_ALT, ArduCopter's RTL_ALT
+ACCELERATION_M_S2 = 2.5  # of a copter whose parameters were not read
+GRAVITY_M_S2 = 9.80665
 MIN_SPEED_M_S = 1.0  # the heading of a slower vehicle is unknown
 
 
@@ -26,19 +30,62 @@ def usual_return_height_m(section: VehicleSection) -> float:
     return RETURN_HEIGHTS_M[section.stack] if given is None else given
 
 
+class ReturnPerformance(NamedTuple):
+    """The speeds, acceleration and turn radius of a return.
+
+    ``speed_m_s`` is over the ground for copters, and the airspeed of planes.
+    """
+
+    speed_m_s: float
+    climb_m_s: float
+    acceleration_m_s2: float  # of copters
+    turn_radius_m: float  # of planes
+
+
+def planned_performance(section: VehicleSection) -> ReturnPerformance:
+    """Return the performance in a return by the scenario."""
+    speed_m_s = section.return_speed_m_s or section.airspeed_m_s
+    return ReturnPerformance(speed_m_s, section.climb_m_s, ACCELERATION_M_S2, section.turn_radius_m)
+
+
+def expected_performance(vehicle: Vehicle, altitude_amsl_m: float) -> ReturnPerformance:
+    """Return the performance by the autopilot's parameters, else by the scenario.
+
+    The speed of a plane is its true airspeed at this altitude.
+    """
+    planned, read = planned_performance(vehicle.section), vehicle.return_flight
+    speed_m_s, turn_radius_m = read.speed_m_s or planned.speed_m_s, planned.turn_radius_m
+    if vehicle.section.kind == "plane":
+        speed_m_s *= true_airspeed_factor(altitude_amsl_m)
+        if read.bank_deg:
+            turn_radius_m = speed_m_s**2 / (GRAVITY_M_S2 * math.tan(math.radians(read.bank_deg)))
+    return ReturnPerformance(
+        speed_m_s,
+        read.climb_m_s or planned.climb_m_s,
+        read.acceleration_m_s2 or planned.acceleration_m_s2,
+        turn_radius_m,
+    )
+
+
 def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: float) -> float:
     """Return the seconds until the vehicle is over home; infinity if the wind prevents it.
 
+    The flight of a plane that returns to its landing ends at the loiter that begins the landing.
     ``wind_m_s`` is the velocity of the air (x, y). Copters, and planes with PX4, climb to
     ``return_amsl_m`` before they fly home; ArduPlane climbs on the way.
     """
-    home_m = (vehicle.home_m[0] - fix.x_m, vehicle.home_m[1] - fix.y_m)
+    landing_m = vehicle.landing.start_at(fix.at_s) if vehicle.return_flight.to_landing else None
+    goal_m = vehicle.home_m if landing_m is None else landing_m
+    home_m = (goal_m[0] - fix.x_m, goal_m[1] - fix.y_m)
     climb_m = max(return_amsl_m - fix.altitude_m, 0.0)
-    return return_s(vehicle.section, home_m, (fix.east_m_s, fix.north_m_s), wind_m_s, climb_m)
+    performance = expected_performance(vehicle, fix.altitude_m)
+    over_ground_m_s = (fix.east_m_s, fix.north_m_s)
+    return return_s(vehicle.section, performance, home_m, over_ground_m_s, wind_m_s, climb_m)
 
 
 def return_s(
     section: VehicleSection,
+    performance: ReturnPerformance,
     home_m: Vector,
     over_ground_m_s: Vector,
     wind_m_s: Vector,
@@ -46,19 +93,26 @@ def return_s(
 ) -> float:
     """Return the seconds of a flight home; infinity if the wind prevents it.
 
-    ``home_m`` is the position of home relative to the vehicle, ``over_ground_m_s`` the vehicle's
-    velocity, and ``wind_m_s`` that of the air, each (x, y). Copters, and planes with PX4, climb
-    ``climb_m`` before they fly home; ArduPlane climbs on the way.
+    ``home_m`` is the position of home relative to
+    the vehicle, ``over_ground_m_s`` the vehicle's velocity, and ``wind_m_s`` that of the air, each
+    (x, y). Copters stop first. Copters, and planes with PX4, climb ``climb_m`` before they fly
+    home; ArduPlane climbs on the way.
     """
-    climb_s = climb_m / section.climb_m_s
+    speed_m_s, climb_s = performance.speed_m_s, climb_m / performance.climb_m_s
     if section.kind == "copter":
-        speed_m_s = section.return_speed_m_s or section.airspeed_m_s
         fastest_m_s = max(section.max_airspeed_m_s, speed_m_s)
-        return climb_s + copter_home_s(home_m, wind_m_s, speed_m_s, fastest_m_s)
-    airspeed_m_s = section.return_speed_m_s or section.airspeed_m_s
+        stop_s = math.hypot(*over_ground_m_s) / performance.acceleration_m_s2
+        from_stop_m = (
+            home_m[0] - over_ground_m_s[0] * stop_s / 2.0,
+            home_m[1] - over_ground_m_s[1] * stop_s / 2.0,
+        )
+        straight_s = copter_home_s(from_stop_m, wind_m_s, speed_m_s, fastest_m_s)
+        both_ends_s = speed_m_s / performance.acceleration_m_s2  # half of it at each end
+        begin_s = MULTIROTOR_BEGIN_S[section.stack]
+        return stop_s + begin_s + climb_s + straight_s + both_ends_s
     heading = (over_ground_m_s[0] - wind_m_s[0], over_ground_m_s[1] - wind_m_s[1])
-    radius_m = section.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
-    straight_s = plane_home_s(home_m, heading, wind_m_s, airspeed_m_s, radius_m)
+    radius_m = performance.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
+    straight_s = plane_home_s(home_m, heading, wind_m_s, speed_m_s, radius_m)
     return climb_s + straight_s if section.stack == "px4" else straight_s
 
 

@@ -1,7 +1,8 @@
-"""Reads, after each contact, the parameters that determine the reaction to a lost link. Sans-IO."""
+"""Reads, after each contact, the parameters of the lost link and of the return. Sans-IO."""
 
 from autopilot_bridge.clients.client_protocol import VehicleClient
-from autopilot_bridge.stacks.link_loss import missing, parameters_of
+from autopilot_bridge.stacks import link_loss, return_flight
+from autopilot_bridge.stacks.link_loss import missing
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
@@ -93,7 +94,8 @@ class ParameterReports:
         if stack is None:
             return
         self._values, self._missing = {}, []
-        self._waiting, self._due_us = list(parameters_of(stack)), None
+        names = (*link_loss.parameters_of(stack), *return_flight.parameters_of(stack))
+        self._waiting, self._due_us = list(dict.fromkeys(names)), None
         self._request_next(now_us)
 
     def _request_next(self, now_us: int) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from autopilot_bridge.stacks.return_flight import UNREAD, ReturnFlight
 from autopilot_bridge.transitions import enter
 from mission_service.commands import Announce
 from mission_service.config.sections import VehicleSection
@@ -122,6 +123,7 @@ class Vehicle:
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
     lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown
     lost_link_problem: str = ""  # what is wrong with this reaction, and the remedy
+    return_flight: ReturnFlight = UNREAD  # by its parameters, as far as they were read
     current_seq: int = 0  # index of the mission item that the vehicle flies, as last reported
     takes_off: bool = False  # whether the vehicle flies the takeoff item of its mission
     uploaded_at_s: float = -1e9

@@ -82,6 +82,19 @@ def test_a_failsafe_at_any_moment_of_an_upload_is_left_alone(stack: Stack, by_fi
         assert by_autopilot or ended.at_us < detected_us, (after_s, ended.result)
 
 
+def test_an_upload_to_px4_ends_when_the_autopilot_returns() -> None:
+    # PX4 1.17 returns by its mission: it would fly a mission that arrives during its return.
+    pair = flying(PX4)
+    old = pair.mock.missions.items[:]
+    pair.up = MemoryLink(delay_us=20_000)
+    pair.client.upload(line_of(400, first=2), pair.now_us, holds_first=True)
+    run_with_failsafe(pair, 0.5)
+    (ended,) = pair.of(TransferFinished)
+    assert (ended.result.outcome, ended.result.holds) == ("cancelled", "the old one")
+    assert "its autopilot" in ended.result.reason
+    assert pair.mock.missions.items == old
+
+
 @pytest.mark.parametrize("seed", range(8))
 @each
 def test_a_failsafe_over_a_lossy_link_is_left_alone(stack: Stack, seed: int) -> None:

@@ -426,3 +426,30 @@ def test_a_lost_acknowledgement_is_resolved_by_the_plans_id_without_reading_back
     assert "MISSION_REQUEST_LIST" not in asked
     assert pair.now_us - began_us < 4 * SECOND
     assert held(pair) == kept(line_of(6), PX4)
+
+
+@pytest.mark.parametrize("stack", [PX4, stack_named("px4", "copter")])
+def test_a_return_cancels_uploads_of_missions_to_px4(stack: Stack) -> None:
+    # PX4 1.17 returns by its mission: it flew a mission that arrived during its return.
+    pair = connected(stack)
+    old = line_of(6, first=5)
+    pair.result_of(upload(pair, old))
+    active, waiting = upload(pair, line_of(400)), upload(pair, line_of(30))
+    pair.run_for(0.05)
+    pair.client.command("return", pair.now_us)
+    assert pair.result_of(waiting).outcome == "cancelled"
+    result = pair.result_of(active, within_s=10.0)
+    assert (result.outcome, result.holds) == ("cancelled", "the old one")
+    pair.run_for(5.0)
+    assert held(pair) == kept(old, stack)
+    assert pair.result_of(upload(pair, line_of(7)), within_s=5.0).holds == "the new one"
+
+
+def test_a_return_leaves_uploads_to_ardupilot() -> None:
+    # A cancelled upload would leave parts of two missions; ArduPilot returns without its mission.
+    pair = connected(ARDUPILOT)
+    pair.result_of(upload(pair, line_of(6, first=5)))
+    active = upload(pair, line_of(200))
+    pair.run_for(0.1)
+    pair.client.command("return", pair.now_us)
+    assert pair.result_of(active, within_s=10.0).holds == "the new one"

@@ -248,20 +248,21 @@ CONNECTED = bridge.Connected(0, PX4)
 
 
 def test_one_request_is_active_at_a_time_and_one_report_follows() -> None:
-    reading = Reading({**NONE, "RTL_TYPE": 0.0})
+    speeds = {"FW_AIRSPD_TRIM": 15.0, "FW_T_CLMB_R_SP": 3.0, "FW_R_LIM": 50.0}
+    reading = Reading({**NONE, "RTL_TYPE": 0.0, **speeds})
     reading.receive(CONNECTED)
     assert len(reading.client.asked) == 1
     (found,) = reading.answer()
-    assert reading.client.asked == list(parameters_of(PX4))
+    assert reading.client.asked == [*parameters_of(PX4), *speeds]
     assert (found.at_us, found.vehicle, found.stack) == (7, "hawk", "px4 plane")
-    assert (found.values, found.missing) == ({**NONE, "RTL_TYPE": 0.0}, ())
+    assert (found.values, found.missing) == ({**NONE, "RTL_TYPE": 0.0, **speeds}, ())
 
 
 def test_parameters_are_read_again_on_the_ground_and_reported_after_a_change() -> None:
     reading = Reading(dict(NONE))
     reading.receive(CONNECTED)
     (found,) = reading.answer()
-    assert found.missing == ("RTL_TYPE",)
+    assert found.missing == ("RTL_TYPE", "FW_AIRSPD_TRIM", "FW_T_CLMB_R_SP", "FW_R_LIM")
     assert reading.wait(READ_AGAIN_US - 1) == 0
     assert reading.wait(1) == 1
     assert reading.answer() == []
