@@ -15,6 +15,7 @@ from mission_service.peer_messages import AnyMessage
 Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]
 Severity = Literal["warning", "severe"]
+ReliefRole = Literal["stands by", "relieves", "resumes", "on task", "leaves"]
 LandingPhaseName = Literal["none", "waiting", "sending", "approach", "final", "going around"]
 REJECTED = "rejected:"  # prefix of the announcement that a request was not carried out
 CONFIRM = "confirm:"  # prefix of the announcement that an order needs confirmation
@@ -88,6 +89,18 @@ class ShowLanding(Command, frozen=True, tag=True):
 
     phase: LandingPhaseName
     holds: bool = False
+
+
+class ShowRelief(Command, frozen=True, tag=True):
+    """Show the vehicle's role in a task that vehicles fly in turn, also in words.
+
+    A vehicle that is now ``on task`` takes over the planner of the vehicle ``takes_over_from``
+    (empty: of none).
+    """
+
+    role: ReliefRole
+    text: str
+    takes_over_from: str = ""
 
 
 class Orbit(Command, frozen=True, tag=True):
@@ -228,6 +241,7 @@ AnyCommand = (
     | Land
     | GoAround
     | ShowLanding
+    | ShowRelief
     | Orbit
     | ChangeSpeed
     | DirectionDecision

@@ -35,6 +35,7 @@ from mission_service.core.lost_link import reaction_compared
 from mission_service.core.mission_starts import WAITS, MissionStarts
 from mission_service.core.operator_orders import OperatorOrders, hold_again
 from mission_service.core.other_aircraft import OtherAircraft
+from mission_service.core.reliefs import Reliefs
 from mission_service.core.request_results import RequestResults
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
@@ -123,6 +124,12 @@ class Core:
         if scenario.surveillance is not None:
             self._other_aircraft = OtherAircraft(scenario.surveillance, scenario, landscape)
 
+        self._reliefs: Reliefs | None = None
+        if scenario.relief is not None:
+            self._reliefs = Reliefs(
+                scenario.relief, landscape, self.vehicles, self.guidance, self._energy
+            )
+
     @property
     def _way(self) -> WayOfFlying:
         return way_of(self.scenario)
@@ -204,6 +211,8 @@ class Core:
         return [*self.airspace.on_operator(event), *self._requested(event)]
 
     def _requested(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
+        if self._reliefs is not None:
+            self._reliefs.on_operator(event)
         if isinstance(event, events.Resumed):  # the restart leaves links and commands unconfirmed
             self.decision_engine.apply_restart(event)
             for vehicle in self.vehicles.values():
@@ -260,6 +269,8 @@ class Core:
         if vehicle.availability.airborne and not was.airborne:
             vehicle.start_again_at_s = None  # the takeoff was the start that was due
             commands += self._found_in_air(vehicle, was)
+        if self._reliefs is not None and at_s >= self.scenario.deploy_at_s:
+            commands += self._reliefs.moved(vehicle, at_s)
         return [*commands, *self._moved(vehicle, at_s, decision)]
 
     def _connected(self, vehicle: Vehicle, event: events.VehicleConnected) -> list[AnyCommand]:
@@ -323,6 +334,8 @@ class Core:
         if self._approvals is not None:
             commands += self._approvals.lapsed(vehicle, at_s)
         commands += self.guidance.announcements(vehicle, at_s, decision)
+        if self._reliefs is not None and self._reliefs.stays_on_ground(vehicle):
+            return commands
         if not vehicle.deployed:
             return [*commands, *self._deploy(vehicle, fix)]
         if not availability.airborne:
@@ -349,6 +362,8 @@ class Core:
             vehicle.validate_state()
         if self._approvals is not None:
             self._approvals.validate_state(self.vehicles)
+        if self._reliefs is not None:
+            self._reliefs.task.validate_state()
 
     # Flight to the fire and home --------------------------------------------------------------
 
@@ -453,7 +468,7 @@ class Core:
 
     def _disarmed(self, vehicle: Vehicle, has_landed: bool) -> list[AnyCommand]:
         vehicle.waits_for_operator = True
-        vehicle.sent_home = vehicle.going_home = False
+        vehicle.sent_home = vehicle.going_home = vehicle.lands_after_return = False
         ended = self._end_intentions(vehicle, "the vehicle was disarmed")
         ended += self._energy.ended(vehicle)
         ended += back_under_control(vehicle)

@@ -78,7 +78,7 @@ class EnergyWatch:
             return None
         home_amsl_m = event.altitude_amsl_m - event.altitude_relative_m
         return_amsl_m = home_amsl_m + self._height_m(vehicle.section)
-        return estimate(times, home_s(vehicle, fix, self._wind(vehicle, at_s), return_amsl_m), at_s)
+        return estimate(times, home_s(vehicle, fix, self.wind(vehicle, at_s), return_amsl_m), at_s)
 
     def _height_m(self, section: VehicleSection) -> float:
         """Return the height above home at which the vehicle returns: ordered, given or usual."""
@@ -86,7 +86,7 @@ class EnergyWatch:
             return self._return_height_m
         return usual_return_height_m(section)
 
-    def _wind(self, vehicle: Vehicle, at_s: float) -> Vector:
+    def wind(self, vehicle: Vehicle, at_s: float) -> Vector:
         """Return the velocity of the air (x, y) on the map, as measured or by the scenario."""
         wind = vehicle.availability.measured_wind
         if wind is not None and at_s - wind.at_s <= FRESH_S:

@@ -28,6 +28,7 @@ from mission_service.commands import (
     RaiseAlarm,
     ReportEnergy,
     ShowLanding,
+    ShowRelief,
     UploadMission,
     WithdrawMission,
     WithdrawPlan,
@@ -93,7 +94,7 @@ OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
     *("observer", "sensor", "estimate", "lost_link", "energy", "overdue"),
-    *("airspace", "airspeed", "thrust", "landing", "aircraft"),
+    *("airspace", "airspeed", "thrust", "landing", "aircraft", "relief"),
     *OF_FIRE,
 )
 
@@ -418,8 +419,10 @@ class StateView(Notices):
     def _commanded(self, vehicle: VehicleState, command: AnyCommand) -> None:
         name = vehicle.vehicle
         match command:
-            case DirectionDecision() | Orbit() | ChangeSpeed() | ReportEnergy() | ShowLanding():
+            case DirectionDecision() | Orbit() | ChangeSpeed():
                 self._led(vehicle, command)
+            case ReportEnergy() | ShowLanding() | ShowRelief():
+                self._reported(vehicle, command)
             case UploadMission() | ProposeMission():
                 self._sent(name, command)
             case Announce():
@@ -454,14 +457,9 @@ class StateView(Notices):
                 self._touch("aircraft")
 
     def _led(
-        self,
-        vehicle: VehicleState,
-        command: DirectionDecision | Orbit | ChangeSpeed | ReportEnergy | ShowLanding,
+        self, vehicle: VehicleState, command: DirectionDecision | Orbit | ChangeSpeed
     ) -> None:
         match command:
-            case ReportEnergy():
-                vehicle.time_on_task_s = command.time_on_task_s
-                vehicle.time_home_s, vehicle.energy_source = command.time_home_s, command.source
             case DirectionDecision():
                 vehicle.direction = command.direction
                 statistics = self.statistics.vehicles[vehicle.vehicle]
@@ -478,6 +476,18 @@ class StateView(Notices):
                 vehicle.orbit = OrbitState(*circle, command.radius_m, view_width_m)
             case ChangeSpeed():
                 vehicle.ordered_airspeed_m_s = command.airspeed_m_s
+        vehicle.at_us = self.at_us
+        self._touch(f"vehicle/{vehicle.vehicle}")
+
+    def _reported(
+        self, vehicle: VehicleState, command: ReportEnergy | ShowLanding | ShowRelief
+    ) -> None:
+        match command:
+            case ReportEnergy():
+                vehicle.time_on_task_s = command.time_on_task_s
+                vehicle.time_home_s, vehicle.energy_source = command.time_home_s, command.source
+            case ShowRelief():
+                vehicle.relief = command.text
             case ShowLanding():
                 vehicle.landing = "" if command.phase == "none" else command.phase
                 vehicle.order = "hold" if command.holds else vehicle.order

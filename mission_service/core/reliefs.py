@@ -1,0 +1,433 @@
+"""Lets vehicles fly one task in turn: the next takes off in time, and resumes where it was left.
+
+``relief/task_relief.py`` defines the roles. The present vehicle must leave when its energy is
+needed for the flight home (``EnergyWatch``). The next takes off so that it arrives ``overlap_s``
+before, flies to the present one, which then flies home, and on to the place where the task was
+left. There it takes over the planner, with its map. A vehicle that is lost, taken over or ordered
+home leaves the task at once or after ``UNFIT_S``.
+
+No vehicle takes off while ``Vehicle.waits_for_operator``: this is the sign-off of its next takeoff.
+"""
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from firemodel.landscape.landscape import Landscape
+from mission_service import events
+from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity, ShowRelief
+from mission_service.config.relief_section import ReliefSection
+from mission_service.core.energy_watch import EnergyWatch
+from mission_service.guidance.protocol import Guidance
+from mission_service.relief.meeting import meeting_point
+from mission_service.relief.scenario_aircraft import time_to_task_s
+from mission_service.relief.task_relief import TaskPlace, TaskRole, TaskVehicle, task_of
+from mission_service.vehicles.endurance import time_up_words
+from mission_service.vehicles.vehicle_state import Vehicle, announce
+
+ALARM = "relief"
+EVERY_S = 1.0
+TAKEOFF_S = 45.0  # upload, arming and takeoff before the flight to the task
+MAX_TAKEOFF_S = 180.0  # a vehicle that is not in the air after this time stays on the ground
+UNFIT_S = 30.0  # time without link or control after which a vehicle leaves the task
+NOTICE_S = 300.0  # before a takeoff is due, an alarm is raised if no vehicle may take off
+MEETING_M = 300.0  # horizontal distance at which the present vehicle leaves
+RUN_IN_M = 200.0  # the course leads to the place of the task over this distance
+RESUMED_M, OVER_PLACE_M = 50.0, 20.0
+RESUME_LIMIT_S = 300.0  # if something prevents the flight over the place
+MOVED_M, MOVED_SHARE = 100.0, 0.15  # a meeting point that moves less is not sent again
+FULL_PCT = 90.0
+GAP_S = 120.0  # time without a vehicle on task after which an alarm is raised
+LEFT_ENOUGH_S = 300.0  # time on task for which a vehicle that was lost resumes
+HELD_DOWN = ("return", "land", "hold")
+AIRBORNE_ROLES = (TaskRole.RELIEVES, TaskRole.RESUMES, TaskRole.ON_TASK)
+
+
+class Reliefs:
+    """The reliefs of the group of vehicles in ``[relief]``."""
+
+    def __init__(
+        self,
+        section: ReliefSection,
+        landscape: Landscape,
+        vehicles: dict[str, Vehicle],
+        guidance: Guidance,
+        energy: EnergyWatch,
+    ) -> None:
+        self._section = section
+        self._landscape = landscape
+        self._vehicles = {name: vehicles[name] for name in section.vehicles}
+        self._guidance = guidance
+        self._energy = energy
+        self.task = task_of(section.vehicles)
+        self._ordered_down: set[str] = set()  # by an operator, until the next order to fly
+        self._checked_at_s = -math.inf
+        for vehicle in self._vehicles.values():
+            signed_off = section.standing_signoff or vehicle.section.autostart
+            vehicle.waits_for_operator = not signed_off
+
+    # Events -----------------------------------------------------------------------------------
+
+    def on_operator(self, event: events.AnyOperatorEvent) -> None:
+        """Record orders that keep vehicles on the ground, and a restart of the service."""
+        if isinstance(event, events.Aborted):
+            self._ordered_down |= set(self._vehicles)
+        elif isinstance(event, events.OrderGiven) and event.by != events.SERVICE:
+            named = set(self._vehicles) & ({event.vehicle} if event.vehicle else set(self._vehicles))
+            for name in sorted(named):
+                self._vehicles[name].lands_after_return = False
+            if event.order in HELD_DOWN:
+                self._ordered_down |= named
+            elif event.order in ("start", "resume"):
+                self._ordered_down -= named
+        elif isinstance(event, events.Resumed):
+            self.task.alarm, self._checked_at_s = None, -math.inf
+            for member in self.task.members.values():
+                member.unfit_since_s = member.shown = None
+
+    def stays_on_ground(self, vehicle: Vehicle) -> bool:
+        """Return whether a vehicle on the ground is sent no mission, because it stands by."""
+        member = self.task.members.get(vehicle.name)
+        on_ground = not vehicle.availability.airborne
+        return on_ground and member is not None and member.role is TaskRole.STANDS_BY
+
+    def moved(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Advance the roles at a vehicle's new position; the vehicles follow at their own."""
+        member = self.task.members.get(vehicle.name)
+        if member is None:
+            return []
+        if member.role is TaskRole.ON_TASK:
+            self._guidance.send_to(vehicle.name, None)
+            self._record_place(vehicle)
+        commands = self._resumed(member, vehicle, at_s)
+        if 0.0 <= at_s - self._checked_at_s < EVERY_S:
+            return commands
+        self._checked_at_s = at_s
+        for name, each in self._vehicles.items():
+            commands += self._watched(self.task.members[name], each, at_s)
+        commands += self._advance(at_s)
+        return [*commands, *self._alarm(at_s), *self._show(at_s)]
+
+    def _record_place(self, vehicle: Vehicle) -> None:
+        """Record the place of the task while the vehicle follows its planner."""
+        fix, availability = vehicle.availability.fix, vehicle.availability
+        serves = availability.flies and not vehicle.ordered and not vehicle.going_home
+        if fix is None or not serves or not self._guidance.task_begun(vehicle.name):
+            return
+        speed_m_s = math.hypot(fix.east_m_s, fix.north_m_s)
+        if speed_m_s > 1.0:
+            course = fix.east_m_s / speed_m_s, fix.north_m_s / speed_m_s
+            self.task.place = TaskPlace(fix.x_m, fix.y_m, *course)
+
+    # Roles of each vehicle --------------------------------------------------------------------
+
+    def _watched(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Change the role of a vehicle that has landed, leaves, or does not take off."""
+        availability = vehicle.availability
+        on_ground = not (availability.airborne or availability.armed)
+        match member.role:
+            case TaskRole.STANDS_BY:
+                if availability.airborne:
+                    return self._leave(member, vehicle, at_s)
+                return self._signed_off_by_scenario(member, vehicle, at_s)
+            case TaskRole.RELIEVES if not availability.airborne:
+                return self._takes_off(member, vehicle, at_s)
+            case TaskRole.LEAVES if availability.flies and not vehicle.ordered:
+                return self._regained(member, vehicle, at_s)
+            case _ if on_ground and availability.online:
+                return self._landed(member, vehicle, at_s)
+            case TaskRole.LEAVES:
+                return []
+        if availability.recalled or availability.landing != "none":
+            return self._leave(member, vehicle, at_s)
+        if availability.flies or (vehicle.ordered and availability.online):
+            member.unfit_since_s = None
+        elif member.unfit_since_s is None:
+            member.unfit_since_s = at_s
+        elif at_s - member.unfit_since_s >= UNFIT_S:
+            return self._leave(member, vehicle, at_s)
+        return []
+
+    def _leave(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        was_on_task = member.role is TaskRole.ON_TASK
+        released = (vehicle.sent_home or vehicle.going_home) and not vehicle.availability.taken_over
+        member.released = released and member.name not in self._ordered_down
+        vehicle.lands_after_return = member.released
+        member.enter(TaskRole.LEAVES, at_s)
+        self._guidance.send_to(member.name, None)
+        place = self.task.place
+        if not was_on_task or place is None:
+            return []
+        self.task.left_at_s = at_s
+        lat_deg, lon_deg = self._landscape.lat_lon_of(place.x_m, place.y_m)
+        words = f"leaves the task at {float(lat_deg):.5f}, {float(lon_deg):.5f}"
+        return [announce(vehicle, words)]
+
+    def _landed(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        member.enter(TaskRole.STANDS_BY, at_s)
+        self._guidance.send_to(member.name, None)
+        return []
+
+    def _regained(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Let a vehicle that flies again resume the task, or fly home if another has it."""
+        found = vehicle.energy.estimate
+        free = self.task.one_with(*AIRBORNE_ROLES) is None
+        if free and not vehicle.going_home and found and found.time_on_task_s > LEFT_ENOUGH_S:
+            member.enter(TaskRole.RESUMES, at_s)
+            return self._begin_to_resume(member, vehicle)
+        vehicle.going_home = vehicle.lands_after_return = True  # the core orders its return
+        member.released = member.name not in self._ordered_down
+        return []
+
+    def _takes_off(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """End a takeoff that needs a sign-off again, or takes too long."""
+        late = at_s - member.since_s > MAX_TAKEOFF_S
+        if not late and not vehicle.waits_for_operator:
+            return []
+        vehicle.waits_for_operator = True
+        vehicle.end_intentions()
+        self._landed(member, vehicle, at_s)
+        words = "has not taken off to relieve: it waits for an operator's order to start"
+        return [announce(vehicle, words, warning=True)]
+
+    def _signed_off_by_scenario(
+        self, member: TaskVehicle, vehicle: Vehicle, at_s: float
+    ) -> list[AnyCommand]:
+        """Permit the next takeoff of a vehicle with a full battery, by the standing sign-off."""
+        if not (self._section.standing_signoff and vehicle.waits_for_operator and member.released):
+            return []
+        if member.name in self._ordered_down or vehicle.availability.armed:
+            return []
+        vehicle.battery.settle(at_s)
+        charge_pct = vehicle.battery.level_pct(at_s)
+        waits = at_s - member.since_s < self._section.ready_after_s
+        if waits or charge_pct is None or charge_pct < FULL_PCT:
+            return []
+        vehicle.waits_for_operator = member.released = False
+        words = f"ready with a battery of {charge_pct:.0f} %, by the scenario's standing sign-off"
+        return [announce(vehicle, words)]
+
+    # The task ---------------------------------------------------------------------------------
+
+    def _advance(self, at_s: float) -> list[AnyCommand]:
+        """Send the next vehicle to the task, and let the present one leave."""
+        task = self.task
+        present = task.one_with(TaskRole.ON_TASK)
+        relief = task.one_with(TaskRole.RELIEVES, TaskRole.RESUMES)
+        if relief is None:
+            return self._begin(present, at_s)
+        vehicle = self._vehicles[relief.name]
+        if relief.role is TaskRole.RESUMES:
+            return []
+        if present is not None:
+            return self._approach(relief, present, at_s)
+        if not vehicle.availability.airborne:
+            return []
+        if task.place is None:
+            return self._take_task(relief, vehicle, at_s, "begins the task")
+        relief.enter(TaskRole.RESUMES, at_s)
+        return self._begin_to_resume(relief, vehicle)
+
+    def _begin(self, present: TaskVehicle | None, at_s: float) -> list[AnyCommand]:
+        """Begin the takeoff of the next vehicle when it is due."""
+        name = self._next(at_s)
+        if name is None:
+            return []
+        if present is not None and self._due_in_s(present, name, at_s) > 0.0:
+            return []
+        member, vehicle = self.task.members[name], self._vehicles[name]
+        member.enter(TaskRole.RELIEVES, at_s)
+        member.released, member.nearest_m = False, math.inf
+        vehicle.flown_line, vehicle.start_again_at_s = None, at_s
+        if present is not None:
+            self._guidance.send_to(name, self._meeting(vehicle, self._vehicles[present.name]))
+            return [announce(vehicle, f"takes off to relieve {present.name}")]
+        if self.task.place is not None:
+            self._guidance.send_to(name, self._path_to_place())
+        return [announce(vehicle, "takes off for the task")]
+
+    def _approach(
+        self, relief: TaskVehicle, present: TaskVehicle, at_s: float
+    ) -> list[AnyCommand]:
+        """Lead the next vehicle to the present one, which leaves when they have met."""
+        vehicle, other = self._vehicles[relief.name], self._vehicles[present.name]
+        fix, other_fix = vehicle.availability.fix, other.availability.fix
+        if fix is None or other_fix is None or not vehicle.availability.flies:
+            return []
+        apart_m = math.dist((fix.x_m, fix.y_m), (other_fix.x_m, other_fix.y_m))
+        if self.task.place is None or apart_m > MEETING_M:
+            self._guidance.send_to(relief.name, self._meeting(vehicle, other))
+            return []
+        other.going_home = True  # the core orders its return
+        commands = [announce(other, f"relieved by {relief.name}")]
+        commands += self._leave(present, other, at_s)
+        relief.enter(TaskRole.RESUMES, at_s)
+        return [*commands, *self._begin_to_resume(relief, vehicle)]
+
+    def _begin_to_resume(self, member: TaskVehicle, vehicle: Vehicle) -> list[AnyCommand]:
+        member.nearest_m = math.inf
+        if self.task.place is not None:
+            self._guidance.send_to(member.name, self._path_to_place())
+        return [announce(vehicle, "flies to the place where the task was left")]
+
+    def _resumed(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Let a vehicle take over the task when it is over the place where the task was left."""
+        fix, place = vehicle.availability.fix, self.task.place
+        if member.role is not TaskRole.RESUMES or fix is None or not vehicle.availability.flies:
+            return []
+        if place is None:
+            return self._take_task(member, vehicle, at_s, "begins the task")
+        distance_m = place.distance_m(fix.x_m, fix.y_m)
+        recedes = distance_m > member.nearest_m
+        member.nearest_m = min(member.nearest_m, distance_m)
+        over = distance_m <= OVER_PLACE_M or (recedes and member.nearest_m <= RESUMED_M)
+        late = at_s - member.since_s > RESUME_LIMIT_S and distance_m <= MEETING_M
+        if not (over or late):
+            return []
+        words = f"resumes the task {member.nearest_m:.0f} m from where it was left"
+        return self._take_task(member, vehicle, at_s, words)
+
+    def _take_task(
+        self, member: TaskVehicle, vehicle: Vehicle, at_s: float, words: str
+    ) -> list[AnyCommand]:
+        member.enter(TaskRole.ON_TASK, at_s)
+        before, self.task.holder = self.task.holder, member.name
+        member.shown = ("on task", "on task")
+        return [announce(vehicle, words), ShowRelief(member.name, *member.shown, before)]
+
+    # Places and times -------------------------------------------------------------------------
+
+    def _meeting(self, vehicle: Vehicle, present: Vehicle) -> NDArray[np.float64]:
+        """Return the meeting point (1, 2) with the present vehicle, or the last one sent."""
+        fix, other_fix = vehicle.availability.fix, present.availability.fix
+        assert fix is not None and other_fix is not None
+        own, other = (fix.x_m, fix.y_m), (other_fix.x_m, other_fix.y_m)
+        path = [other]
+        if present.flown_line is not None:
+            line = present.flown_line
+            ahead = shapely.ops.substring(line, line.project(shapely.Point(other)), line.length)
+            path += [(float(x_m), float(y_m)) for x_m, y_m in ahead.coords]
+        speed_m_s = vehicle.section.airspeed_m_s
+        point = meeting_point(path, present.section.airspeed_m_s, own, speed_m_s)
+        sent = self._guidance.sent_to(vehicle.name)
+        near_m = max(MOVED_M, MOVED_SHARE * math.dist(own, point))
+        if sent is not None and math.dist(sent[-1], point) < near_m:
+            return sent
+        return np.array([point])
+
+    def _path_to_place(self) -> NDArray[np.float64]:
+        """Return the path over the place where the task was left, and on as its planner flies."""
+        place = self.task.place
+        assert place is not None
+        path = np.array([place.before(RUN_IN_M), (place.x_m, place.y_m)])
+        ahead = self._guidance.task_path(self.task.holder, place.x_m, place.y_m)
+        return path if ahead is None else np.vstack([path, ahead])
+
+    def _next(self, at_s: float) -> str | None:
+        """Return the vehicle that flies next, or None if none may take off."""
+        ready = [name for name in self._vehicles if not self._obstacle(self._vehicles[name], at_s)]
+        return self.task.next_of(ready)
+
+    def _obstacle(self, vehicle: Vehicle, at_s: float) -> str:
+        """Return why a vehicle cannot take off now; "" if it can."""
+        availability = vehicle.availability
+        if not availability.online or vehicle.unconfirmed is not None:
+            return "has no link"
+        if availability.airborne or availability.armed:
+            return "is not on the ground"
+        if vehicle.waits_for_operator:
+            return "waits for sign-off"
+        if vehicle.ordered or availability.recalled:
+            return "is ordered to stay"
+        if availability.fix is None or not availability.position_good:
+            return "has no position fix"
+        return "lacks energy" if time_up_words(vehicle, at_s) else ""
+
+    def _due_in_s(self, present: TaskVehicle, name: str, at_s: float) -> float:
+        """Return the seconds until the next vehicle must take off; infinity if unknown."""
+        other, vehicle = self._vehicles[present.name], self._vehicles[name]
+        found, fix = other.energy.estimate, other.availability.fix
+        if found is None or fix is None:
+            return math.inf
+        wind = self._energy.wind(other, at_s)
+        task_m = (fix.x_m, fix.y_m)
+        out_s = time_to_task_s(vehicle.section, self._landscape, vehicle.home_m, task_m, wind)
+        lead_s = TAKEOFF_S + out_s + self._section.overlap_s
+        return found.time_on_task_s - lead_s
+
+    # Alarms and states ------------------------------------------------------------------------
+
+    def _alarm(self, at_s: float) -> list[AnyCommand]:
+        """Raise or clear the alarm about a task that lapses."""
+        alarm = self._alarm_now(at_s)
+        if alarm == self.task.alarm:
+            return []
+        before, self.task.alarm = self.task.alarm, alarm
+        commands: list[AnyCommand] = []
+        if before is not None and (alarm is None or alarm[0] != before[0]):
+            commands.append(ClearAlarm(before[0], ALARM))
+        if alarm is not None:
+            name, severity, words = alarm
+            commands.append(announce(self._vehicles[name], words, warning=True))
+            commands.append(RaiseAlarm(name, ALARM, words, severity))
+        return commands
+
+    def _alarm_now(self, at_s: float) -> tuple[str, Severity, str] | None:
+        task = self.task
+        if task.place is None:
+            return None
+        present = task.one_with(TaskRole.ON_TASK)
+        relief = task.one_with(TaskRole.RELIEVES, TaskRole.RESUMES)
+        if present is None:
+            if relief is None:
+                return task.holder, "severe", f"the task lapses: {self._why_none(at_s)}"
+            if task.alarm is None and at_s - task.left_at_s <= GAP_S:
+                return None
+            words = f"the task lapses until {relief.name} resumes it"
+            return task.holder, "severe", words
+        if relief is not None or self._next(at_s) is not None:
+            return None
+        others = [each for each in self._vehicles if each != present.name]
+        if min(self._due_in_s(present, each, at_s) for each in others) > NOTICE_S:
+            return None
+        words = f"the task lapses when {present.name} must leave: {self._why_none(at_s)}"
+        return present.name, "warning", words
+
+    def _why_none(self, at_s: float) -> str:
+        """Return why each vehicle cannot take off."""
+        obstacles = ((name, self._obstacle(each, at_s)) for name, each in self._vehicles.items())
+        on_task = self.task.one_with(TaskRole.ON_TASK)
+        obstacles = (each for each in obstacles if on_task is None or each[0] != on_task.name)
+        return ", ".join(f"{name} {why}" for name, why in obstacles if why)
+
+    def _show(self, at_s: float) -> list[AnyCommand]:
+        """Return the roles that have changed since they were shown."""
+        commands: list[AnyCommand] = []
+        planned = self._next(at_s)
+        for name, member in self.task.members.items():
+            shown = (member.role.value, self._text(member, planned))
+            if shown != member.shown:
+                member.shown = shown
+                commands.append(ShowRelief(name, *shown))
+        return commands
+
+    def _text(self, member: TaskVehicle, planned: str | None) -> str:
+        """Return a vehicle's role in a few words."""
+        vehicle, present = self._vehicles[member.name], self.task.one_with(TaskRole.ON_TASK)
+        if member.role is TaskRole.LEAVES:
+            return "flies home" if vehicle.availability.online else "no link"
+        if member.role is TaskRole.STANDS_BY and vehicle.waits_for_operator:
+            full = self._section.standing_signoff and member.released
+            return "waits for a full battery" if full else "waits for sign-off"
+        if member.role is TaskRole.STANDS_BY and (member.name != planned or present is None):
+            return "stands by"
+        if member.role is TaskRole.ON_TASK:
+            return "on task"
+        if present is None:
+            return "resumes the task" if self.task.place is not None else "takes off"
+        found = self._vehicles[present.name].energy.estimate
+        if found is None:
+            return f"relieves {present.name}"
+        return f"relieves {present.name} in {max(round(found.time_on_task_s / 60.0), 0)} min"
