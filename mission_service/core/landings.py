@@ -136,7 +136,7 @@ class Landings:
     # Events -----------------------------------------------------------------------------------
 
     def _lands_after_return(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether a vehicle that has returned must land: it was relieved, or has no time left.
+        """Return whether a vehicle that has returned must land: relieved, or without time left.
 
         Planes circle above home, ArduPlane until the battery is empty. The other autopilots land.
         """

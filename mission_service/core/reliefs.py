@@ -14,10 +14,18 @@ import math
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.ops import substring
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
-from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity, ShowRelief
+from mission_service.commands import (
+    AnyCommand,
+    ClearAlarm,
+    RaiseAlarm,
+    ReliefRole,
+    Severity,
+    ShowRelief,
+)
 from mission_service.config.relief_section import ReliefSection
 from mission_service.core.energy_watch import EnergyWatch
 from mission_service.guidance.protocol import Guidance
@@ -75,7 +83,9 @@ class Reliefs:
         if isinstance(event, events.Aborted):
             self._ordered_down |= set(self._vehicles)
         elif isinstance(event, events.OrderGiven) and event.by != events.SERVICE:
-            named = set(self._vehicles) & ({event.vehicle} if event.vehicle else set(self._vehicles))
+            named = set(self._vehicles) & (
+                {event.vehicle} if event.vehicle else set(self._vehicles)
+            )
             for name in sorted(named):
                 self._vehicles[name].lands_after_return = False
             if event.order in HELD_DOWN:
@@ -248,9 +258,7 @@ class Reliefs:
             self._guidance.send_to(name, self._path_to_place())
         return [announce(vehicle, "takes off for the task")]
 
-    def _approach(
-        self, relief: TaskVehicle, present: TaskVehicle, at_s: float
-    ) -> list[AnyCommand]:
+    def _approach(self, relief: TaskVehicle, present: TaskVehicle, at_s: float) -> list[AnyCommand]:
         """Lead the next vehicle to the present one, which leaves when they have met."""
         vehicle, other = self._vehicles[relief.name], self._vehicles[present.name]
         fix, other_fix = vehicle.availability.fix, other.availability.fix
@@ -261,7 +269,7 @@ class Reliefs:
             self._guidance.send_to(relief.name, self._meeting(vehicle, other))
             return []
         other.going_home = True  # the core orders its return
-        commands = [announce(other, f"relieved by {relief.name}")]
+        commands: list[AnyCommand] = [announce(other, f"relieved by {relief.name}")]
         commands += self._leave(present, other, at_s)
         relief.enter(TaskRole.RESUMES, at_s)
         return [*commands, *self._begin_to_resume(relief, vehicle)]
@@ -295,19 +303,21 @@ class Reliefs:
         member.enter(TaskRole.ON_TASK, at_s)
         before, self.task.holder = self.task.holder, member.name
         member.shown = ("on task", "on task")
-        return [announce(vehicle, words), ShowRelief(member.name, *member.shown, before)]
+        shown = ShowRelief(member.name, "on task", "on task", takes_over_from=before)
+        return [announce(vehicle, words), shown]
 
     # Places and times -------------------------------------------------------------------------
 
     def _meeting(self, vehicle: Vehicle, present: Vehicle) -> NDArray[np.float64]:
         """Return the meeting point (1, 2) with the present vehicle, or the last one sent."""
         fix, other_fix = vehicle.availability.fix, present.availability.fix
-        assert fix is not None and other_fix is not None
+        assert fix is not None
+        assert other_fix is not None
         own, other = (fix.x_m, fix.y_m), (other_fix.x_m, other_fix.y_m)
         path = [other]
         if present.flown_line is not None:
             line = present.flown_line
-            ahead = shapely.ops.substring(line, line.project(shapely.Point(other)), line.length)
+            ahead = substring(line, line.project(shapely.Point(other)), line.length)
             path += [(float(x_m), float(y_m)) for x_m, y_m in ahead.coords]
         speed_m_s = vehicle.section.airspeed_m_s
         point = meeting_point(path, present.section.airspeed_m_s, own, speed_m_s)
@@ -407,10 +417,11 @@ class Reliefs:
         commands: list[AnyCommand] = []
         planned = self._next(at_s)
         for name, member in self.task.members.items():
-            shown = (member.role.value, self._text(member, planned))
-            if shown != member.shown:
-                member.shown = shown
-                commands.append(ShowRelief(name, *shown))
+            role: ReliefRole = member.role.value
+            text = self._text(member, planned)
+            if (role, text) != member.shown:
+                member.shown = (role, text)
+                commands.append(ShowRelief(name, role, text))
         return commands
 
     def _text(self, member: TaskVehicle, planned: str | None) -> str:

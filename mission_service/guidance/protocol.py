@@ -196,7 +196,7 @@ class Guidance(ABC):
         """Return a mission that follows a path and loiters at its end."""
 
     def send_to(self, name: str, path_m: Floats | None) -> None:
-        """Send a vehicle along a path, (n, 2) x, y in metres, until None: then its planner leads.
+        """Send a vehicle along a path, (n, 2) x, y in metres; after None its planner leads.
 
         Only for ways of flying with ``relieves``.
         """

@@ -1,6 +1,7 @@
 """Defines the roles of vehicles that fly one task in turn, as a state machine with a table. Pure.
 
-stands by --takeoff is due--> relieves --the one on task leaves--> resumes --over the place--> on task
+stands by --takeoff is due--> relieves --the one on task leaves--> resumes
+resumes --over the place where the task was left--> on task
 relieves --the task has no place yet--> on task
 on task, resumes, relieves --sent home, lost or taken over--> leaves --disarmed--> stands by
 leaves --flies again, and no other vehicle flies the task--> resumes

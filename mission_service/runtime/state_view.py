@@ -456,9 +456,7 @@ class StateView(Notices):
                 self._aircraft.on_level(name, command.aircraft, command.level)
                 self._touch("aircraft")
 
-    def _led(
-        self, vehicle: VehicleState, command: DirectionDecision | Orbit | ChangeSpeed
-    ) -> None:
+    def _led(self, vehicle: VehicleState, command: DirectionDecision | Orbit | ChangeSpeed) -> None:
         match command:
             case DirectionDecision():
                 vehicle.direction = command.direction

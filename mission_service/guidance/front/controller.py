@@ -99,7 +99,7 @@ class FrontFlight(Guidance):
         return commands
 
     def send_to(self, name: str, path_m: Floats | None) -> None:
-        """Send a vehicle along a path, (n, 2) x, y in metres, until None: then its planner leads."""
+        """Send a vehicle along a path, (n, 2) x, y in metres; after None its planner leads."""
         self._sent_along.pop(name, None)
         if path_m is not None:
             self._sent_along[name] = path_m

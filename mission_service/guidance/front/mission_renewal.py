@@ -65,7 +65,7 @@ class Renewal:
         return vehicle.due or "fly to the fire"
 
     def why_sent(self, vehicle: Vehicle, path_m: NDArray[np.float64]) -> str | None:
-        """Return the reason to send a vehicle along ``path_m`` (n, 2), or None if it flies there."""
+        """Return the reason to send the mission along ``path_m`` (n, 2), or None if it is flown."""
         if vehicle.flown_line is None:
             return "no confirmed mission on board"
         if vehicle.due:
