@@ -144,6 +144,7 @@ export class VehiclesPanel {
       ],
       ["Order", vehicle.order || null],
       ["Landing", vehicle.landing || null],
+      ["Relief", vehicle.relief || null],
       ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
       ["If the link is lost", lostLinkText(vehicle)],
       ["Energy", energyText(vehicle)],
@@ -183,7 +184,8 @@ function shortState(vehicle: Vehicle): string {
   const energy = vehicle.time_on_task_s === null ? "" : ` · ${timesText(vehicle)}`;
   const landing = vehicle.landing ? ` · LANDING: ${vehicle.landing}` : "";
   const order = landing || (vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "");
-  return `${vehicle.mode || "mode?"}${battery}${energy}${order}`;
+  const relief = vehicle.relief ? ` · ${vehicle.relief}` : "";
+  return `${vehicle.mode || "mode?"}${battery}${energy}${order}${relief}`;
 }
 
 /** The times left by the vehicle's energy: "12 min on task, 3 min home". */
