@@ -18,24 +18,22 @@ from shapely.ops import substring
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
-from mission_service.commands import (
-    AnyCommand,
-    ClearAlarm,
-    RaiseAlarm,
-    ReliefRole,
-    Severity,
-    ShowRelief,
-)
+from mission_service.commands import AnyCommand, ShowRelief
 from mission_service.config.relief_section import ReliefSection
 from mission_service.core.energy_watch import EnergyWatch
+from mission_service.core.relief_reports import (
+    changed_alarm,
+    changed_roles,
+    lapse_alarm,
+    next_vehicle,
+)
 from mission_service.guidance.protocol import Guidance
 from mission_service.relief.meeting import meeting_point
 from mission_service.relief.scenario_aircraft import time_to_task_s
 from mission_service.relief.task_relief import TaskPlace, TaskRole, TaskVehicle, task_of
-from mission_service.vehicles.endurance import time_up_words
 from mission_service.vehicles.vehicle_state import Vehicle, announce
+from mission_service.vehicles.way_home import Vector
 
-ALARM = "relief"
 EVERY_S = 1.0
 TAKEOFF_S = 45.0  # upload, arming and takeoff before the flight to the task
 MAX_TAKEOFF_S = 180.0  # a vehicle that is not in the air after this time stays on the ground
@@ -47,7 +45,6 @@ RESUMED_M, OVER_PLACE_M = 50.0, 20.0
 RESUME_LIMIT_S = 300.0  # if something prevents the flight over the place
 MOVED_M, MOVED_SHARE = 100.0, 0.15  # a meeting point that moves less is not sent again
 FULL_PCT = 90.0
-GAP_S = 120.0  # time without a vehicle on task after which an alarm is raised
 LEFT_ENOUGH_S = 300.0  # time on task for which a vehicle that was lost resumes
 HELD_DOWN = ("return", "land", "hold")
 AIRBORNE_ROLES = (TaskRole.RELIEVES, TaskRole.RESUMES, TaskRole.ON_TASK)
@@ -118,7 +115,10 @@ class Reliefs:
         for name, each in self._vehicles.items():
             commands += self._watched(self.task.members[name], each, at_s)
         commands += self._advance(at_s)
-        return [*commands, *self._alarm(at_s), *self._show(at_s)]
+        alarm = lapse_alarm(self.task, self._vehicles, self._needs_next(at_s), at_s)
+        commands += changed_alarm(self.task, alarm, self._vehicles)
+        standing = self._section.standing_signoff
+        return [*commands, *changed_roles(self.task, self._vehicles, standing, at_s)]
 
     def _record_place(self, vehicle: Vehicle) -> None:
         """Record the place of the task while the vehicle follows its planner."""
@@ -165,7 +165,7 @@ class Reliefs:
         released = (vehicle.sent_home or vehicle.going_home) and not vehicle.availability.taken_over
         member.released = released and member.name not in self._ordered_down
         vehicle.lands_after_return = member.released
-        member.enter(TaskRole.LEAVES, at_s)
+        member.change_role(TaskRole.LEAVES, at_s)
         self._guidance.send_to(member.name, None)
         place = self.task.place
         if not was_on_task or place is None:
@@ -176,7 +176,7 @@ class Reliefs:
         return [announce(vehicle, words)]
 
     def _landed(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        member.enter(TaskRole.STANDS_BY, at_s)
+        member.change_role(TaskRole.STANDS_BY, at_s)
         self._guidance.send_to(member.name, None)
         return []
 
@@ -185,7 +185,7 @@ class Reliefs:
         found = vehicle.energy.estimate
         free = self.task.one_with(*AIRBORNE_ROLES) is None
         if free and not vehicle.going_home and found and found.time_on_task_s > LEFT_ENOUGH_S:
-            member.enter(TaskRole.RESUMES, at_s)
+            member.change_role(TaskRole.RESUMES, at_s)
             return self._begin_to_resume(member, vehicle)
         vehicle.going_home = vehicle.lands_after_return = True  # the core orders its return
         member.released = member.name not in self._ordered_down
@@ -237,24 +237,28 @@ class Reliefs:
             return []
         if task.place is None:
             return self._take_task(relief, vehicle, at_s, "begins the task")
-        relief.enter(TaskRole.RESUMES, at_s)
+        relief.change_role(TaskRole.RESUMES, at_s)
         return self._begin_to_resume(relief, vehicle)
 
     def _begin(self, present: TaskVehicle | None, at_s: float) -> list[AnyCommand]:
         """Begin the takeoff of the next vehicle when it is due."""
-        name = self._next(at_s)
+        name, place = next_vehicle(self.task, self._vehicles, at_s), self.task.place
         if name is None:
             return []
         if present is not None and self._due_in_s(present, name, at_s) > 0.0:
             return []
+        if present is None and place is not None:
+            wind_m_s = self._energy.wind(self._vehicles[name], at_s)
+            if math.isinf(self._flight_s(name, (place.x_m, place.y_m), wind_m_s)):
+                return []
         member, vehicle = self.task.members[name], self._vehicles[name]
-        member.enter(TaskRole.RELIEVES, at_s)
+        member.change_role(TaskRole.RELIEVES, at_s)
         member.released, member.nearest_m = False, math.inf
         vehicle.flown_line, vehicle.start_again_at_s = None, at_s
         if present is not None:
             self._guidance.send_to(name, self._meeting(vehicle, self._vehicles[present.name]))
             return [announce(vehicle, f"takes off to relieve {present.name}")]
-        if self.task.place is not None:
+        if place is not None:
             self._guidance.send_to(name, self._path_to_place())
         return [announce(vehicle, "takes off for the task")]
 
@@ -271,7 +275,7 @@ class Reliefs:
         other.going_home = True  # the core orders its return
         commands: list[AnyCommand] = [announce(other, f"relieved by {relief.name}")]
         commands += self._leave(present, other, at_s)
-        relief.enter(TaskRole.RESUMES, at_s)
+        relief.change_role(TaskRole.RESUMES, at_s)
         return [*commands, *self._begin_to_resume(relief, vehicle)]
 
     def _begin_to_resume(self, member: TaskVehicle, vehicle: Vehicle) -> list[AnyCommand]:
@@ -300,7 +304,7 @@ class Reliefs:
     def _take_task(
         self, member: TaskVehicle, vehicle: Vehicle, at_s: float, words: str
     ) -> list[AnyCommand]:
-        member.enter(TaskRole.ON_TASK, at_s)
+        member.change_role(TaskRole.ON_TASK, at_s)
         before, self.task.holder = self.task.holder, member.name
         member.shown = ("on task", "on task")
         shown = ShowRelief(member.name, "on task", "on task", takes_over_from=before)
@@ -335,110 +339,27 @@ class Reliefs:
         ahead = self._guidance.task_path(self.task.holder, place.x_m, place.y_m)
         return path if ahead is None else np.vstack([path, ahead])
 
-    def _next(self, at_s: float) -> str | None:
-        """Return the vehicle that flies next, or None if none may take off."""
-        ready = [name for name in self._vehicles if not self._obstacle(self._vehicles[name], at_s)]
-        return self.task.next_of(ready)
-
-    def _obstacle(self, vehicle: Vehicle, at_s: float) -> str:
-        """Return why a vehicle cannot take off now; "" if it can."""
-        availability = vehicle.availability
-        if not availability.online or vehicle.unconfirmed is not None:
-            return "has no link"
-        if availability.airborne or availability.armed:
-            return "is not on the ground"
-        if vehicle.waits_for_operator:
-            return "waits for sign-off"
-        if vehicle.ordered or availability.recalled:
-            return "is ordered to stay"
-        if availability.fix is None or not availability.position_good:
-            return "has no position fix"
-        return "lacks energy" if time_up_words(vehicle, at_s) else ""
-
     def _due_in_s(self, present: TaskVehicle, name: str, at_s: float) -> float:
-        """Return the seconds until the next vehicle must take off; infinity if unknown."""
-        other, vehicle = self._vehicles[present.name], self._vehicles[name]
+        """Return the seconds until the next vehicle must take off; infinity if it cannot arrive."""
+        other = self._vehicles[present.name]
         found, fix = other.energy.estimate, other.availability.fix
         if found is None or fix is None:
             return math.inf
-        wind = self._energy.wind(other, at_s)
-        task_m = (fix.x_m, fix.y_m)
-        out_s = time_to_task_s(vehicle.section, self._landscape, vehicle.home_m, task_m, wind)
-        lead_s = TAKEOFF_S + out_s + self._section.overlap_s
-        return found.time_on_task_s - lead_s
+        out_s = self._flight_s(name, (fix.x_m, fix.y_m), self._energy.wind(other, at_s))
+        if math.isinf(out_s):
+            return math.inf
+        return found.time_on_task_s - TAKEOFF_S - out_s - self._section.overlap_s
 
-    # Alarms and states ------------------------------------------------------------------------
+    def _flight_s(self, name: str, task_m: Vector, wind_m_s: Vector) -> float:
+        """Return the seconds of a flight to a place; infinity if the wind prevents it."""
+        vehicle = self._vehicles[name]
+        where = (self._landscape, vehicle.home_m, task_m)
+        return time_to_task_s(vehicle.section, *where, wind_m_s)
 
-    def _alarm(self, at_s: float) -> list[AnyCommand]:
-        """Raise or clear the alarm about a task that lapses."""
-        alarm = self._alarm_now(at_s)
-        if alarm == self.task.alarm:
-            return []
-        before, self.task.alarm = self.task.alarm, alarm
-        commands: list[AnyCommand] = []
-        if before is not None and (alarm is None or alarm[0] != before[0]):
-            commands.append(ClearAlarm(before[0], ALARM))
-        if alarm is not None:
-            name, severity, words = alarm
-            commands.append(announce(self._vehicles[name], words, warning=True))
-            commands.append(RaiseAlarm(name, ALARM, words, severity))
-        return commands
-
-    def _alarm_now(self, at_s: float) -> tuple[str, Severity, str] | None:
-        task = self.task
-        if task.place is None:
-            return None
-        present = task.one_with(TaskRole.ON_TASK)
-        relief = task.one_with(TaskRole.RELIEVES, TaskRole.RESUMES)
+    def _needs_next(self, at_s: float) -> bool:
+        """Return whether a next vehicle should take off soon."""
+        present = self.task.one_with(TaskRole.ON_TASK)
         if present is None:
-            if relief is None:
-                return task.holder, "severe", f"the task lapses: {self._why_none(at_s)}"
-            if task.alarm is None and at_s - task.left_at_s <= GAP_S:
-                return None
-            words = f"the task lapses until {relief.name} resumes it"
-            return task.holder, "severe", words
-        if relief is not None or self._next(at_s) is not None:
-            return None
-        others = [each for each in self._vehicles if each != present.name]
-        if min(self._due_in_s(present, each, at_s) for each in others) > NOTICE_S:
-            return None
-        words = f"the task lapses when {present.name} must leave: {self._why_none(at_s)}"
-        return present.name, "warning", words
-
-    def _why_none(self, at_s: float) -> str:
-        """Return why each vehicle cannot take off."""
-        obstacles = ((name, self._obstacle(each, at_s)) for name, each in self._vehicles.items())
-        on_task = self.task.one_with(TaskRole.ON_TASK)
-        obstacles = (each for each in obstacles if on_task is None or each[0] != on_task.name)
-        return ", ".join(f"{name} {why}" for name, why in obstacles if why)
-
-    def _show(self, at_s: float) -> list[AnyCommand]:
-        """Return the roles that have changed since they were shown."""
-        commands: list[AnyCommand] = []
-        planned = self._next(at_s)
-        for name, member in self.task.members.items():
-            role: ReliefRole = member.role.value
-            text = self._text(member, planned)
-            if (role, text) != member.shown:
-                member.shown = (role, text)
-                commands.append(ShowRelief(name, role, text))
-        return commands
-
-    def _text(self, member: TaskVehicle, planned: str | None) -> str:
-        """Return a vehicle's role in a few words."""
-        vehicle, present = self._vehicles[member.name], self.task.one_with(TaskRole.ON_TASK)
-        if member.role is TaskRole.LEAVES:
-            return "flies home" if vehicle.availability.online else "no link"
-        if member.role is TaskRole.STANDS_BY and vehicle.waits_for_operator:
-            full = self._section.standing_signoff and member.released
-            return "waits for a full battery" if full else "waits for sign-off"
-        if member.role is TaskRole.STANDS_BY and (member.name != planned or present is None):
-            return "stands by"
-        if member.role is TaskRole.ON_TASK:
-            return "on task"
-        if present is None:
-            return "resumes the task" if self.task.place is not None else "takes off"
-        found = self._vehicles[present.name].energy.estimate
-        if found is None:
-            return f"relieves {present.name}"
-        return f"relieves {present.name} in {max(round(found.time_on_task_s / 60.0), 0)} min"
+            return True
+        others = [name for name in self._vehicles if name != present.name]
+        return min(self._due_in_s(present, name, at_s) for name in others) <= NOTICE_S

@@ -83,7 +83,7 @@ class TaskVehicle:
         """The role now."""
         return self.roles[-1]
 
-    def enter(self, role: TaskRole, at_s: float) -> None:
+    def change_role(self, role: TaskRole, at_s: float) -> None:
         """Change the role. Raises InvalidTransitionError."""
         enter(self.roles, role, TASK_TRANSITIONS, f"relief by {self.name}")
         self.since_s, self.unfit_since_s = at_s, None

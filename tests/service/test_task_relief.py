@@ -45,26 +45,26 @@ def test_the_one_that_has_stood_by_longest_is_next() -> None:
     assert task.next_of(("swift", "kite")) == "kite"
     kite = task.members["kite"]
     for role in (TaskRole.RELIEVES, TaskRole.ON_TASK, TaskRole.LEAVES, TaskRole.STANDS_BY):
-        kite.enter(role, 100.0)
+        kite.change_role(role, 100.0)
     assert task.next_of(("kite", "swift")) == "swift"
-    task.members["swift"].enter(TaskRole.RELIEVES, 110.0)
+    task.members["swift"].change_role(TaskRole.RELIEVES, 110.0)
     assert task.next_of(("kite", "swift")) == "kite"
     assert task.next_of(()) is None
 
 
 def test_a_vehicle_on_task_cannot_relieve_itself() -> None:
     member = task_of(("hawk", "kite")).members["hawk"]
-    member.enter(TaskRole.RELIEVES, 1.0)
-    member.enter(TaskRole.ON_TASK, 2.0)
+    member.change_role(TaskRole.RELIEVES, 1.0)
+    member.change_role(TaskRole.ON_TASK, 2.0)
     with pytest.raises(InvalidTransitionError, match="relief by hawk"):
-        member.enter(TaskRole.RESUMES, 3.0)
+        member.change_role(TaskRole.RESUMES, 3.0)
 
 
 def test_two_vehicles_on_task_are_a_defect() -> None:
     task = task_of(("hawk", "kite"))
     for member in task.members.values():
-        member.enter(TaskRole.RELIEVES, 1.0)
-        member.enter(TaskRole.ON_TASK, 1.0)
+        member.change_role(TaskRole.RELIEVES, 1.0)
+        member.change_role(TaskRole.ON_TASK, 1.0)
     with pytest.raises(AssertionError):
         task.validate_state()
 
