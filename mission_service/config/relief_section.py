@@ -15,8 +15,8 @@ class ReliefSection(Section):
 
     The next vehicle arrives ``overlap_s`` before the present one must leave. Each takeoff needs an
     operator's order. With ``standing_signoff`` the first takeoff needs none, nor does the takeoff
-    of a vehicle that has landed after its time on task, whose autopilot reports a full battery,
-    and that has been on the ground for ``ready_after_s``.
+    of a vehicle that has landed after its time on task, and whose autopilot has reported a full
+    battery for ``ready_after_s`` on the ground.
     """
 
     vehicles: Annotated[tuple[str, ...], Field(min_length=2)]

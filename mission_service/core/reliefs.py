@@ -206,14 +206,19 @@ class Reliefs:
         self, member: TaskVehicle, vehicle: Vehicle, at_s: float
     ) -> list[AnyCommand]:
         """Permit the next takeoff of a vehicle with a full battery, by the standing sign-off."""
-        if not (self._section.standing_signoff and vehicle.waits_for_operator and member.released):
-            return []
-        if member.name in self._ordered_down or vehicle.availability.armed:
-            return []
         vehicle.battery.settle(at_s)
-        charge_pct = vehicle.battery.level_pct(at_s)
-        waits = at_s - member.since_s < self._section.ready_after_s
-        if waits or charge_pct is None or charge_pct < FULL_PCT:
+        charge_pct, availability = vehicle.battery.level_pct(at_s), vehicle.availability
+        full = availability.online and charge_pct is not None and charge_pct >= FULL_PCT
+        if not full:
+            member.full_since_s = None
+        elif member.full_since_s is None:
+            member.full_since_s = at_s
+        permitted = self._section.standing_signoff and member.released
+        permitted &= not (availability.armed or member.name in self._ordered_down)
+        since_s = member.full_since_s
+        if not (permitted and vehicle.waits_for_operator) or since_s is None:
+            return []
+        if at_s - since_s < self._section.ready_after_s:
             return []
         vehicle.waits_for_operator = member.released = False
         words = f"ready with a battery of {charge_pct:.0f} %, by the scenario's standing sign-off"

@@ -5,6 +5,7 @@ from typing import Any, cast
 
 import pytest
 
+from autopilot_bridge.mock.failsafe_causes import Battery
 from mission_service.commands import Announce, RaiseAlarm
 from mission_service.config.scenario import Scenario
 from mission_service.events import Order, OrderGiven
@@ -257,3 +258,25 @@ def test_the_vehicle_on_task_continues_and_is_relieved_after_a_restart(tmp_path:
     (found,) = reliefs_in(flight.path)
     assert (found.left_by, found.resumed_by) == ("hawk", "kite")
     assert found.distance_m <= MAX_RESUME_M
+
+
+@pytest.mark.long
+def test_with_a_standing_sign_off_a_vehicle_is_ready_some_time_after_its_battery_is_full(
+    tmp_path: Path,
+) -> None:
+    flight = Flight(tmp_path, relief_scenario(2, standing_signoff=True, ready_after_s=100.0))
+    flight.until("hawk", TaskRole.ON_TASK)
+    for name in ("hawk", "kite"):
+        flight.mock(name).flight.battery = Battery(100.0, 800.0)
+    flight.until("kite", TaskRole.ON_TASK)
+    flight.until("hawk", TaskRole.STANDS_BY)
+    flight.fly(150.0)
+    assert flight.texts()[0] == "waits for a full battery"
+    flight.mock("hawk").replace_battery()
+    flight.fly(80.0)
+    hawk = flight.simulation.core.vehicles["hawk"]
+    assert hawk.waits_for_operator
+    flight.fly(60.0)
+    assert not hawk.waits_for_operator
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.over()
