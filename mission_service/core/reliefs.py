@@ -89,6 +89,8 @@ class Reliefs:
                 self._ordered_down |= named
             elif event.order in ("start", "resume"):
                 self._ordered_down -= named
+                for name in sorted(named):
+                    self.task.members[name].flies_by_order = True
         elif isinstance(event, events.Resumed):
             self.task.alarm, self._checked_at_s = None, -math.inf
             for member in self.task.members.values():
@@ -165,6 +167,7 @@ class Reliefs:
         released = (vehicle.sent_home or vehicle.going_home) and not vehicle.availability.taken_over
         member.released = released and member.name not in self._ordered_down
         vehicle.lands_after_return = member.released
+        member.flies_by_order = False
         member.change_role(TaskRole.LEAVES, at_s)
         self._guidance.send_to(member.name, None)
         place = self.task.place
@@ -181,12 +184,17 @@ class Reliefs:
         return []
 
     def _regained(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Let a vehicle that flies again resume the task, or fly home if another has it."""
+        """Let a vehicle that flies again resume the task, or fly home if another has it.
+
+        A vehicle that an operator ordered to fly is not sent home before its energy requires it.
+        """
         found = vehicle.energy.estimate
         free = self.task.one_with(*AIRBORNE_ROLES) is None
         if free and not vehicle.going_home and found and found.time_on_task_s > LEFT_ENOUGH_S:
             member.change_role(TaskRole.RESUMES, at_s)
             return self._begin_to_resume(member, vehicle)
+        if member.flies_by_order:
+            return []
         vehicle.going_home = vehicle.lands_after_return = True  # the core orders its return
         member.released = member.name not in self._ordered_down
         return []

@@ -74,6 +74,7 @@ class TaskVehicle:
     )
     since_s: float = -math.inf  # time of the last change of the role
     released: bool = False  # whether it left because of its energy or its relief, not an order
+    flies_by_order: bool = False  # an operator has ordered it to fly since it left
     full_since_s: float | None = None  # time since which it reports a full battery on the ground
     unfit_since_s: float | None = None  # since then it does not follow its mission
     nearest_m: float = math.inf  # least distance from the place of the task while it resumes
