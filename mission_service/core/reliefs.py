@@ -87,7 +87,7 @@ class Reliefs:
                 self._vehicles[name].lands_after_return = False
             if event.order in HELD_DOWN:
                 self._ordered_down |= named
-            elif event.order in ("start", "resume"):
+            elif event.order != "go-around":  # an order to fly
                 self._ordered_down -= named
                 for name in sorted(named):
                     self.task.members[name].flies_by_order = True
