@@ -71,7 +71,7 @@ class Reliefs:
         self._checked_at_s = -math.inf
         for vehicle in self._vehicles.values():
             signed_off = section.standing_signoff or vehicle.section.autostart
-            vehicle.waits_for_operator = not signed_off
+            vehicle.waits_for_operator |= not signed_off
 
     # Events -----------------------------------------------------------------------------------
 
