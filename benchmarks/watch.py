@@ -3,7 +3,7 @@
     python -m benchmarks.watch [HOURS] [SEED] [--once]
 
 Four mock planes with batteries of 20 minutes and six spare batteries (charged within 45 minutes)
-fly one front in turn. A simulated person orders the start of each vehicle whose battery has been
+circle one front in turn, so that the planned age of a sector is a lap. A simulated person orders the start of each vehicle whose battery has been
 replaced; without the order no vehicle takes off. All figures are measured from the journal. Exit
 with 1 if a limit is exceeded: 50 m between the places where a task was left and resumed, the
 separation of the scenario, takeoffs without an order, a sector of the front unseen for longer than
@@ -52,6 +52,7 @@ def scenario_of(hours: float, seed: int) -> Scenario:
     )
     data = scenario.model_dump() | {
         "seed": seed,
+        "planner": {"rule": "circling"},
         "duration_s": scenario.start_s + hours * 3600.0,
         "vehicles": [each.model_dump() for each in vehicles],
     }
