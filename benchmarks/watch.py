@@ -3,12 +3,12 @@
     python -m benchmarks.watch [HOURS] [SEED] [--once]
 
 Four mock planes with batteries of 20 minutes and six spare batteries (charged within 45 minutes)
-circle one front in turn, so that the planned age of a sector is a lap. A simulated person orders the start of each vehicle whose battery has been
-replaced; without the order no vehicle takes off. All figures are measured from the journal. Exit
-with 1 if a limit is exceeded: 50 m between the places where a task was left and resumed, the
-separation of the scenario, takeoffs without an order, a sector of the front unseen for longer than
-the longest relief interval and the longest lap. The flight is repeated, unless ``--once`` is given:
-both journals must be equal after their first line.
+circle one front in turn, so that the planned age of a sector is a lap. A simulated person orders
+the start of each vehicle whose battery has been replaced; without the order no vehicle takes off.
+All figures are measured from the journal. Exit with 1 if a limit is exceeded: 50 m between the
+places where a task was left and resumed, the separation of the scenario, takeoffs without an order,
+a sector of the front unseen for longer than the longest relief interval and the longest lap. The
+flight is repeated, unless ``--once`` is given: both journals must be equal after their first line.
 """
 
 import hashlib
