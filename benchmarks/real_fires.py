@@ -190,6 +190,7 @@ live_woody_pct = 60
         for layer, name in (
             *(("fuel", "fbfm40b"), ("elevation", "dem"), ("slope", "slp"), ("aspect", "asp")),
             *(("canopy_cover", "cc"), ("canopy_height", "ch"), ("canopy_base", "cbh")),
+            ("canopy_bulk_density", "cbd"),
         )
     )
     fronts = run_fire(
@@ -204,6 +205,7 @@ slope = "degrees"
 canopy_cover = "percent"
 canopy_height = "m*10"
 canopy_base = "m*10"
+canopy_bulk_density = "kg/m3*100"
 {weather}
 [[ignition]]
 {place(6938.0, 343607.0, crs)}

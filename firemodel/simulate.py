@@ -41,9 +41,9 @@ def burn(
 ) -> Fire:
     """Simulate a fire that is lit at 0 s on a landscape, for a given duration.
 
-    The rates of spread are Rothermel's (1972, INT-115; Albini 1976, INT-30). The default scheme
-    computes arrival times by integrating these rates along straight lines at any angle
-    (``spread/anyangle.py``).
+    The rates of spread are Rothermel's (1972, INT-115; Albini 1976, INT-30); where crowns burn they
+    are those of ``physics/crown_fire.py``. The default scheme computes arrival times by integrating
+    these rates along straight lines at any angle (``spread/anyangle.py``).
 
     Args:
         landscape: Terrain and fuel, or the path of a file with named bands (.lcp, GeoTIFF; see
@@ -55,7 +55,8 @@ def burn(
             the middle.
         duration_s: Duration of the simulation in seconds.
         scheme: A spread scheme, a key of ``SCHEMES``.
-        settings: Settings of the scheme, such as ``wind_limit=True``; ``seed`` for random schemes.
+        settings: Settings of the scheme, such as ``crown="scott_reinhardt"`` (crown fire) or
+            ``wind_limit=True``; ``seed`` for random schemes.
 
     Returns:
         The fire. ``arrival_time_s`` is float64 (y, x) with row 0 in the north. Arrival times are in

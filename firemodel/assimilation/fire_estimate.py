@@ -19,7 +19,7 @@ model.
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,8 +79,7 @@ class FireEstimate:
         settings: EstimateSettings | None = None,
         *,
         burning: Burning | None = None,
-        wind_limit: bool = False,
-        precise: bool = False,
+        **scheme_settings: Any,
     ) -> None:
         """Begin an estimate.
 
@@ -91,8 +90,7 @@ class FireEstimate:
                 estimate begins with the first mapped perimeter.
             settings: The ensemble.
             burning: A known initial fire, if there is one.
-            wind_limit: The argument of AnyAngleFire with this name.
-            precise: The argument of AnyAngleFire with this name.
+            scheme_settings: Settings of AnyAngleFire, such as ``wind_limit`` or ``crown``.
 
         Raises:
             FireModelError: There are fewer than two members, or an ignition's cell is not burnable.
@@ -101,8 +99,8 @@ class FireEstimate:
         if own.members < 2:
             raise FireModelError(f"members = {own.members}: an estimate needs at least 2")
         self.landscape, self.weather, self.time_s = landscape, weather, 0.0
-        self._scheme = partial(AnyAngleFire, wind_limit=wind_limit, precise=precise)
-        self.model = self._scheme(landscape, weather, [])  # without fire; the members start from it
+        self._scheme_settings = scheme_settings
+        self.model = self._unlit(landscape)  # the members start from it
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._rng = np.random.default_rng((own.seed, 1))
         fuels = len(burnable_codes(landscape))
@@ -119,6 +117,10 @@ class FireEstimate:
         self._forecast: Forecast | None = None
         if ignitions:
             self._begin_at(ignitions)
+
+    def _unlit(self, landscape: Landscape) -> AnyAngleFire:
+        """Return a fire without burned cells, in the reported weather."""
+        return AnyAngleFire(landscape, self.weather, [], **self._scheme_settings)
 
     def _begin_at(self, ignitions: Sequence[Ignition]) -> None:
         """Begin with ignitions, at the time of the last one."""
@@ -164,7 +166,7 @@ class FireEstimate:
         if self.begun:
             self.advance(max(at_s, self.time_s), each)
         self.weather = weather
-        self.model = self._scheme(self.landscape, weather, [])
+        self.model = self._unlit(self.landscape)
         wind_m_s = self.members.wind_m_s
         self.members = self.members._replace(wind_m_s=wind_m_s - wind_m_s.mean(axis=0))
 
@@ -229,7 +231,7 @@ class FireEstimate:
         if held.any():
             fuel = np.where(held, BARRIER, self.landscape.fuel_model)
             ground = replace(self.landscape, fuel_model=fuel.astype(np.int16))
-            model = self._scheme(ground, self.weather, [])
+            model = self._unlit(ground)
         front, reach = None, REACH_CAMERA
         if self._rates is not None:
             segments = segments_of(burned, self.landscape.cell_size_m)

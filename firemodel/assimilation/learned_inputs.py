@@ -26,6 +26,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.front_rates import FrontRates
 from firemodel.spread.local_spread import burnable_codes
+from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 Integers = NDArray[np.int64]
 
@@ -63,9 +64,12 @@ class LearnedInputs:
     ``state`` (n) has 3 + fuels + blocks elements; ``covariance`` is (n, n).
     """
 
-    def __init__(self, landscape: Landscape, at_s: float) -> None:
+    def __init__(
+        self, landscape: Landscape, at_s: float, options: RateOptions = SURFACE_ONLY
+    ) -> None:
         """Begin with the reported inputs."""
         self._landscape = landscape
+        self._options = options
         self._codes = np.array(burnable_codes(landscape))
         rows, cols = landscape.shape
         self._side = max(BLOCK_CELLS, -(-max(rows, cols) // MAX_BLOCKS))
@@ -167,7 +171,7 @@ class LearnedInputs:
         self, parts: FrontParts, weather: WeatherStream, at_s: float, state: Floats
     ) -> Floats:
         if self._rates is None or self._rates[0] is not weather:
-            self._rates = weather, FrontRates(self._landscape, weather)
+            self._rates = weather, FrontRates(self._landscape, weather, self._options)
         reported = weather.weather_at(at_s)
         wind = (
             reported.wind_speed_m_s * math.exp(state[SPEED]),

@@ -17,11 +17,17 @@ from firemodel.arrays import Floats, bounds_of
 from firemodel.ensemble.draws import Draw
 from firemodel.errors import FireModelError
 from firemodel.physics.fuels import NON_BURNABLE
-from firemodel.physics.rothermel import flame_length_m
 from firemodel.physics.weather import Weather
-from firemodel.spread.behaviour import front_behaviour, heat_of
+from firemodel.spread.behaviour import flame_length_m, front_behaviour, heat_of
 from firemodel.spread.fire_scheme import Fire, Ignition
-from firemodel.spread.local_spread import Tables, burnable_codes, perturbed, tables_of, terrain_of
+from firemodel.spread.local_spread import (
+    Tables,
+    burnable_codes,
+    perturbed,
+    tables_of,
+    terrain_of,
+    window_of,
+)
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
@@ -52,8 +58,8 @@ class Start:
         land, self.entries = fire.landscape, fire.weather_ahead()
         self.fire, self.ignitions = fire, tuple(ignitions)
         self.fuels = len(burnable_codes(land))
-        self._terrain = terrain_of(land)
-        self._tables = tables_of(land, self.entries, fire.wind_limit)
+        self._terrain = terrain_of(land, fire.rate_options)
+        self._tables = tables_of(land, self.entries, fire.rate_options)
         self._burnable = ~np.isin(land.fuel_model, list(NON_BURNABLE))
         self._burned = fire.burned()
         self._by_moisture: dict[float, tuple[Floats, Floats]] = {}
@@ -85,23 +91,18 @@ class Start:
         self, came_s: Floats, paths: Floats, here: tuple[slice, slice], draw: Draw
     ) -> NDArray[np.float32]:
         """Return the flame length (y, x) in a window, NaN where fire did not arrive."""
-        shape, terrain = self.fire.landscape.shape, self._terrain
         changed: Tables = perturbed(
             self._tables, 0, draw.wind_factor, draw.turn_deg, self.rate_factors(draw)
         )
-        _, _, intensity = front_behaviour(
+        _, _, intensity, crown = front_behaviour(
             came_s.ravel(),
             paths.reshape(2, -1),
             np.array([-np.inf, *(entry.at_s for entry in self.entries[1:])]),
             self._wet(draw.moisture_factor)[1],
-            terrain._replace(
-                fuel=terrain.fuel.reshape(shape)[here].ravel(),
-                gradient=terrain.gradient.reshape(2, *shape)[:, *here].reshape(2, -1),
-                midflame=terrain.midflame.reshape(shape)[here].ravel(),
-            ),
+            window_of(self._terrain, self.fire.landscape.shape, here),
             changed._replace(terms=changed.terms[1:], wind=changed.wind[1:]),
         )
-        return np.asarray(flame_length_m(intensity), np.float32).reshape(came_s.shape)
+        return np.asarray(flame_length_m(intensity, crown), np.float32).reshape(came_s.shape)
 
     def rate_factors(self, draw: Draw) -> Floats:
         """Return the factors of a member's spread rates (entries of ``weather_ahead``, fuels)."""
@@ -121,7 +122,7 @@ class Start:
             land = self.fire.landscape
             entries = [_with_dead_moisture(entry, factor) for entry in self.entries]
             dry = self._tables.terms[..., 0]
-            wet = tables_of(land, entries, self.fire.wind_limit).terms[..., 0]
+            wet = tables_of(land, entries, self.fire.rate_options).terms[..., 0]
             ratio = np.divide(wet, dry, out=np.ones_like(dry), where=dry > 0.0)
             self._by_moisture[factor] = ratio, heat_of(land, entries)
         return self._by_moisture[factor]

@@ -3,4 +3,13 @@
 ``LAYERS`` are the names of the layers in files and scenarios.
 """
 
-LAYERS = ("fuel", "elevation", "slope", "aspect", "canopy_cover", "canopy_height", "canopy_base")
+LAYERS = (
+    "fuel",
+    "elevation",
+    "slope",
+    "aspect",
+    "canopy_cover",
+    "canopy_height",
+    "canopy_base",
+    "canopy_bulk_density",
+)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 MAX_ELEVATION_M = 9000.0  # a larger value means a wrong unit or an undeclared nodata value
 MAX_TREE_M = 120.0
+MAX_CANOPY_KG_M3 = 2.0  # denser than any forest; a larger value means a wrong unit
 MAX_SLOPE = 1000.0  # rise over run
 MIN_CELL_M, MAX_CELL_M = 0.01, 1e6  # other cell sizes mean a wrong unit or a damaged file
 ROWS_AT_ONCE = 256
@@ -160,13 +161,14 @@ class Landscape:
 
     ``west_m``, ``north_m`` are the coordinates of the outer north-west corner of cell (0, 0). The
     arrays are (y, x) with row 0 in the north. The layers are fuel codes (see ``fuels``), elevation
-    in metres above sea level and, optionally, canopy cover (0 to 1), canopy height in metres and
-    canopy base height in metres. ``gradient`` (2, y, x) is the rise per metre towards north and
-    towards east. If no gradient is given, the gradient is computed from the elevation (see
-    ``horn``). If a gradient is given, the elevation may be missing. ``custom_fuels`` are the fuel
-    models of codes that are not standard, or that replace standard models. A position in the grid
-    is a pair of floats (row, col). At the centre of a cell both numbers are whole, so that
-    ``round`` converts a position to its cell. Positions and coordinates may be scalars or arrays.
+    in metres above sea level and, optionally, canopy cover (0 to 1), canopy height in metres,
+    canopy base height in metres and canopy bulk density in kg/m³. ``gradient`` (2, y, x) is the
+    rise per metre towards north and towards east. If no gradient is given, the gradient is computed
+    from the elevation (see ``horn``). If a gradient is given, the elevation may be missing.
+    ``custom_fuels`` are the fuel models of codes that are not standard, or that replace standard
+    models. A position in the grid is a pair of floats (row, col). At the centre of a cell both
+    numbers are whole, so that ``round`` converts a position to its cell. Positions and coordinates
+    may be scalars or arrays.
     """
 
     crs: str
@@ -179,6 +181,7 @@ class Landscape:
     canopy_cover: NDArray[np.float32] | None = None
     canopy_height_m: NDArray[np.float32] | None = None
     canopy_base_m: NDArray[np.float32] | None = None
+    canopy_bulk_density_kg_m3: NDArray[np.float32] | None = None
     custom_fuels: Mapping[int, FuelModel] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -201,6 +204,8 @@ class Landscape:
         self._check_layer("canopy cover", self.canopy_cover, 0.0, 1.0)
         self._check_layer("canopy height", self.canopy_height_m, 0.0, MAX_TREE_M)
         self._check_layer("canopy base", self.canopy_base_m, 0.0, MAX_TREE_M)
+        density = self.canopy_bulk_density_kg_m3
+        self._check_layer("canopy bulk density", density, 0.0, MAX_CANOPY_KG_M3)
         if self.gradient is not None:
             gradient = np.ascontiguousarray(self.gradient, dtype=np.float32)
             if gradient.shape != (2, *self.shape):
@@ -382,6 +387,7 @@ class Landscape:
             "canopy cover": self.canopy_cover,
             "canopy height": self.canopy_height_m,
             "canopy base": self.canopy_base_m,
+            "canopy bulk density": self.canopy_bulk_density_kg_m3,
         }
         if elevation is not None and np.array_equal(
             self.gradient, horn(elevation, self.cell_size_m)

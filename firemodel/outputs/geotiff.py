@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.layer_legends import (
+    CROWN_FRACTION_LAYER,
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
@@ -100,7 +101,8 @@ def write_rasters(
 
     Returns:
         The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,
-        fireline_intensity_kw_m (float32; unburned cells have -1), state and fuel_model (uint8).
+        fireline_intensity_kw_m and, with crown fire, crown_fraction (float32; unburned cells have
+        -1), state and fuel_model (uint8).
 
     Raises:
         FireModelError: A file cannot be written.
@@ -115,6 +117,8 @@ def write_rasters(
         "state": (fire.state_at(fire.time_s), STATE_LAYER),
         "fuel_model": (codes, fuel_layer(codes)),
     }
+    if fire.rate_options.crown != "none":
+        layers["crown_fraction"] = (found.crown_fraction, CROWN_FRACTION_LAYER)
     paths = {}
     for name, (values, layer) in layers.items():
         paths[name] = Path(folder) / f"{name}.tif"

@@ -248,6 +248,14 @@ SPREAD_TOWARD_LAYER = Layer(
         )
     ),
 )
+CROWN_FRACTION_LAYER = Layer(
+    "fraction of the canopy fuel that burned (crown fraction burned)",
+    "1",
+    ranges(
+        [0.0, 0.1, 0.5, 0.9],
+        ("surface fire", "up to 10 %", "10–50 %", "50–90 %", "above 90 %"),
+    ),
+)
 PROBABILITY_LAYER = Layer(
     "share of the simulated fires in which the cell burns",
     "1",

@@ -13,6 +13,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import check_increasing
 from firemodel.outputs.layer_legends import (
+    CROWN_FRACTION_LAYER,
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
@@ -51,7 +52,8 @@ def write_netcdf(
     """Write a fire as NetCDF-4 (CF-1.8) on the landscape's grid.
 
     The variables (y, x) are arrival_time, spread_rate, spread_toward, flame_length and
-    fireline_intensity (float32, missing where nothing burned), fuel_model, lat and lon; the
+    fireline_intensity and, with crown fire, crown_fraction (float32, missing where nothing
+    burned), fuel_model, lat and lon; the
     variables over time are state (time, y, x) and burned_area (time), the total area of burned
     cells. The first row is in the north. Without a calendar date the dimension time is named
     elapsed, because a time axis of the CF conventions requires a date. Equal fires give identical
@@ -127,6 +129,8 @@ def _add_behaviour(file: "Dataset", fire: Fire, time_zero: datetime | None) -> N
         "flame_length": (found.flame_length_m, FLAME_LENGTH_LAYER),
         "fireline_intensity": (found.intensity_kw_m, INTENSITY_LAYER),
     }
+    if fire.rate_options.crown != "none":
+        layers["crown_fraction"] = (found.crown_fraction, CROWN_FRACTION_LAYER)
     for name, (values, layer) in layers.items():
         _add_cells(file, name, values, {"long_name": layer.description, "units": layer.unit})
     codes = fire.landscape.fuel_model

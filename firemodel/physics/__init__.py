@@ -1,1 +1,6 @@
 """Define fuels and weather, and compute moistures and Rothermel's rates of spread."""
+
+from typing import Literal
+
+# The methods by which crown fire is computed (``crown_fire``).
+CrownMethod = Literal["none", "rothermel", "scott_reinhardt", "cruz"]

@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats, Mask
 from firemodel.landscape.landscape import Landscape
+from firemodel.physics import CrownMethod
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle_kernels import (
     IGNITION_ROOM,
@@ -71,6 +72,7 @@ from firemodel.spread.labels import (
     without_unused,
 )
 from firemodel.spread.local_spread import perturbed
+from firemodel.spread.rate_options import RateOptions
 from firemodel.spread.rerate_kernels import (
     POINTS_PER_TIP,
     active_paths,
@@ -100,14 +102,17 @@ class AnyAngleFire(Fire):
         burning: Burning | None = None,
         *,
         wind_limit: bool = False,
+        crown: CrownMethod = "none",
+        foliar_moisture_pct: float = 100.0,
         precise: bool = False,
     ) -> None:
         """Raise FireModelError for an ignition on ground that cannot burn."""
-        super().__init__(landscape, weather, ignitions, burning, wind_limit)
+        options = RateOptions(wind_limit, crown, foliar_moisture_pct)
+        super().__init__(landscape, weather, ignitions, burning, options)
         if burning and burning.area is not None:
             self.start_area = StartArea(burning.area, burning.at_s)
         changes = weather.changes()
-        self._ground = ground_of(landscape, changes, wind_limit)
+        self._ground = ground_of(landscape, changes, options)
         self._lattice = lattice_of(landscape.shape, precise)
         self._new_rate_factor: NDArray[np.float32] | None = None  # used from the next change on
         self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]

@@ -11,11 +11,12 @@ from firemodel.arrays import Floats
 from firemodel.compiled import compiled
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics import rothermel
+from firemodel.physics.crown_fire import crown_flame_length_m
 from firemodel.physics.weather import Weather
 from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.local_spread import (
     beds_of,
-    head_of,
+    crowned_head,
     slowness_of,
     tables_of,
     terrain_of,
@@ -32,6 +33,7 @@ class Behaviour(NamedTuple):
     toward_deg: NDArray[np.float32]  # direction of movement, clockwise from true north
     intensity_kw_m: NDArray[np.float32]  # Byram's intensity
     flame_length_m: NDArray[np.float32]
+    crown_fraction: NDArray[np.float32]  # fraction of the canopy fuel that burned, 0 to 1
 
 
 def behaviour_of(fire: Fire) -> Behaviour:
@@ -39,25 +41,37 @@ def behaviour_of(fire: Fire) -> Behaviour:
 
     The spread rate is normal to the front. This rate is computed from the cell's ellipse (Rothermel
     1972; Anderson 1983, INT-305) and the direction from which fire came. In an ignition cell the
-    rate is that of the head. The intensity is Byram's, and the flame length is after Byram 1959.
+    rate is that of the head. The intensity is Byram's. The flame length is after Byram 1959, where
+    crowns burn after Thomas 1963.
 
     Args:
         fire: A fire that has been advanced to the time of interest.
 
     Returns:
-        Spread rate (m/s), direction (degrees clockwise from true north), fireline intensity (kW/m)
-        and flame length (m), each float32 (y, x). Unburned cells have NaN.
+        Spread rate (m/s), direction (degrees clockwise from true north), fireline intensity (kW/m),
+        flame length (m) and crown fraction burned, each float32 (y, x). Unburned cells have NaN.
     """
     land, entries = fire.landscape, fire.weather.changes()
-    terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)
+    options = fire.rate_options
+    terrain, tables = terrain_of(land, options), tables_of(land, entries, options)
     heat = heat_of(land, entries)
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = fire.burned_arrival_s().ravel()
     paths = fire.arrival_vectors().reshape(2, -1)
-    rate, toward_deg, intensity = front_behaviour(arrival_s, paths, began_s, heat, terrain, tables)
+    rate, toward_deg, intensity, crown = front_behaviour(
+        arrival_s, paths, began_s, heat, terrain, tables
+    )
     toward_deg = land.true_deg(toward_deg)
-    found = (rate, toward_deg, intensity, rothermel.flame_length_m(intensity))
+    found = (rate, toward_deg, intensity, flame_length_m(intensity, crown), crown)
     return Behaviour(*(np.asarray(part, np.float32).reshape(land.shape) for part in found))
+
+
+def flame_length_m(intensity_kw_m: Floats, crown_fraction: Floats) -> Floats:
+    """Return the flame length in m: after Thomas 1963 where crowns burn, else after Byram 1959."""
+    surface = np.asarray(rothermel.flame_length_m(intensity_kw_m))
+    if not (crown_fraction > 0.0).any():
+        return surface
+    return np.where(crown_fraction > 0.0, crown_flame_length_m(intensity_kw_m), surface)
 
 
 def heat_of(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
@@ -71,8 +85,8 @@ def heat_of(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
 
 @compiled
 def front_behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: ignore[no-untyped-def]
-    """Return spread rate (m/s), direction (degrees from grid north), intensity (kW/m) as (3, n)."""
-    found = np.full((3, arrival_s.size), np.nan, dtype=np.float32)
+    """Return rate (m/s), direction (° from grid north), intensity (kW/m), crown fraction (4, n)."""
+    found = np.full((4, arrival_s.size), np.nan, dtype=np.float32)
     for cell in range(arrival_s.size):
         if arrival_s[cell] == np.inf:
             continue
@@ -80,13 +94,13 @@ def front_behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: 
         entry = max(np.searchsorted(began_s, arrival_s[cell]) - 1, 0)
         a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
         if a == np.inf:
-            found[0, cell] = found[2, cell] = 0.0
+            found[0, cell] = found[2, cell] = found[3, cell] = 0.0
             continue
         rise_north = np.float64(terrain.gradient[0, cell])
         rise_east = np.float64(terrain.gradient[1, cell])
         north, east = paths[0, cell], paths[1, cell]
         if north == 0.0 and east == 0.0:
-            rate, north, east, _ = head_of(cell, entry, terrain, tables)
+            rate, north, east, _, _ = crowned_head(cell, entry, terrain, tables)
         else:
             # The front is normal to the gradient of the time A |v| - B v.
             up = rise_north * north + rise_east * east
@@ -99,5 +113,8 @@ def front_behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: 
             rate = math.sqrt(1.0 + up * up) / slowness
         found[0, cell] = rate
         found[1, cell] = math.degrees(math.atan2(east, north)) % 360.0
-        found[2, cell] = rate * heat[entry, terrain.fuel[cell]]
+        _, _, _, _, crown = crowned_head(cell, entry, terrain, tables)
+        canopy_heat = crown * terrain.canopy.heat_kj_m2[cell] if crown > 0.0 else 0.0
+        found[2, cell] = rate * (heat[entry, terrain.fuel[cell]] + canopy_heat)
+        found[3, cell] = crown
     return found

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
+from firemodel.physics import CrownMethod
 from firemodel.physics.rothermel import fireline_intensity_kw_m
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.devs8_kernels import (
@@ -42,6 +43,7 @@ from firemodel.spread.fire_scheme import Burning, Fire, Ignition
 from firemodel.spread.front import neighbours_of
 from firemodel.spread.heap import push
 from firemodel.spread.local_spread import beds_of, perturbed, tables_of, terrain_of
+from firemodel.spread.rate_options import RateOptions
 
 # The papers give no value for this threshold of ignition; des-fire uses 0.
 IGNITION_INTENSITY_KW_M = 0.0
@@ -58,6 +60,8 @@ class Devs8Fire(Fire):
         burning: Burning | None = None,
         *,
         wind_limit: bool = False,
+        crown: CrownMethod = "none",
+        foliar_moisture_pct: float = 100.0,
         ignition_intensity_kw_m: float = IGNITION_INTENSITY_KW_M,
     ) -> None:
         """Create a fire whose cells ignite if their fireline intensity exceeds a threshold.
@@ -73,12 +77,13 @@ class Devs8Fire(Fire):
             raise FireModelError(
                 f"ignition_intensity_kw_m = {ignition_intensity_kw_m} must be 0 or more"
             )
-        super().__init__(landscape, weather, ignitions, burning, wind_limit)
+        options = RateOptions(wind_limit, crown, foliar_moisture_pct)
+        super().__init__(landscape, weather, ignitions, burning, options)
         self._ground = Ground(
             landscape.shape[1],
             landscape.cell_size_m,
-            terrain_of(landscape),
-            tables_of(landscape, weather.entries, wind_limit),
+            terrain_of(landscape, options),
+            tables_of(landscape, weather.entries, options),
             _slowest_m_s(landscape, weather.entries, ignition_intensity_kw_m),
         )
         self._arrival_s = np.full(landscape.fuel_model.size, np.inf)

@@ -13,6 +13,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.front import earliest_neighbour, front_polygons, multipolygon, neighbours_of
+from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 UNBURNED, BURNING, BURNED, CANNOT_BURN = 0, 1, 2, 3
 
@@ -44,7 +45,7 @@ class Fire(ABC):
 
     landscape: Landscape
     weather: WeatherStream
-    wind_limit: bool
+    rate_options: RateOptions
     time_s: float
     start_area: StartArea | None  # area of an initial fire; None if the scheme has only cells
     arrival_time_s: Floats
@@ -55,12 +56,12 @@ class Fire(ABC):
         weather: WeatherStream,
         ignitions: Sequence[Ignition],
         burning: Burning | None,
-        wind_limit: bool = False,
+        rate_options: RateOptions = SURFACE_ONLY,
     ) -> None:
         """Raise FireModelError for an invalid ignition, or for an initial fire on another grid."""
         self.landscape = landscape
         self.weather = weather
-        self.wind_limit = wind_limit
+        self.rate_options = rate_options
         self.time_s = burning.at_s if burning else 0.0
         self.start_area = None
         if burning:

@@ -8,6 +8,7 @@ from firemodel.compiled import compiled
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.local_spread import Tables, slowness_of, tables_of, terrain_of
+from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 Integers = NDArray[np.int64]
 
@@ -16,12 +17,15 @@ class FrontRates:
     """The spread rates of fronts on a landscape, in the given weather or in a measured wind."""
 
     def __init__(
-        self, landscape: Landscape, weather: WeatherStream, wind_limit: bool = False
+        self,
+        landscape: Landscape,
+        weather: WeatherStream,
+        options: RateOptions = SURFACE_ONLY,
     ) -> None:
         self._landscape = landscape
         self._weather = weather
-        self._terrain = terrain_of(landscape)
-        self._tables = tables_of(landscape, weather.entries, wind_limit)
+        self._terrain = terrain_of(landscape, options)
+        self._tables = tables_of(landscape, weather.entries, options)
 
     def speeds_m_s(
         self, rows: Integers, cols: Integers, north: Floats, east: Floats, at_s: float
@@ -57,7 +61,7 @@ class FrontRates:
         entry = self._weather.index_at(at_s)
         toward = np.deg2rad(self._landscape.grid_deg(wind[1] + 180.0))
         blowing = np.array([[wind[0], np.cos(toward), np.sin(toward)]])
-        tables = Tables(self._tables.terms[entry : entry + 1], blowing)
+        tables = self._tables._replace(terms=self._tables.terms[entry : entry + 1], wind=blowing)
         return self._of(tables, 0, rows, cols, north, east)
 
     def _of(

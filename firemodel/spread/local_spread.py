@@ -1,13 +1,13 @@
-"""Compute Rothermel's spread ellipse in every cell: rate and direction of the head, eccentricity.
+"""Compute the spread ellipse in every cell: rate and direction of the head, eccentricity.
 
-The equations are those of ``rothermel``, compiled. The terms of each fuel are computed by
-``rothermel.fuel_bed`` once for each weather entry; only the effects of wind and slope are computed
-for each cell.
+The equations are those of ``rothermel`` and ``crown_fire``, compiled. The terms of each fuel are
+computed by ``rothermel.fuel_bed`` once for each weather entry; only the effects of wind, slope and
+crowns are computed for each cell.
 """
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,21 @@ from firemodel.compiled import kernel
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape
 from firemodel.physics import rothermel
-from firemodel.physics.rothermel import FT_MIN_PER_M_S, FuelBed, fuel_bed
+from firemodel.physics.crown_fire import METHODS, NO_CROWNS, SCOTT_REINHARDT
+from firemodel.physics.rothermel import FT_MIN_PER_M_S, FuelBed, fireline_intensity_kw_m, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
+from firemodel.spread.crown_spread import (
+    NO_CANOPY,
+    Canopy,
+    canopy_of,
+    crown_factor,
+    crown_length_to_width,
+    crowning_wind_of,
+    with_crowns,
+)
+from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
+HEAT, CROWN = 6, 7  # places in ``Tables.terms``
 NO_FACTOR = np.ones(1, dtype=np.float32)
 MAX_FACTOR = 1e6  # limit of factors of wind and spread rates
 
@@ -34,23 +46,48 @@ class Terrain(NamedTuple):
     gradient: NDArray[np.float32]  # (2, n) rise per metre towards north and east
     midflame: NDArray[np.float32]  # (n) midflame wind over wind 20 ft above the vegetation
     rate_factor: NDArray[np.float32]  # (n) factor of the spread rate; (1) if it is 1 everywhere
+    canopy: Canopy  # arrays (n); (1) without crown fire
 
 
 class Tables(NamedTuple):
     """The inputs of the spread for each weather entry."""
 
-    terms: Floats  # (entries, fuels, 6): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ
+    # (entries, fuels, 8): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ, intensity (kW/m)
+    # at a rate of 1 m/s, the crown's factor (``crown_factor``)
+    terms: Floats
     wind: Floats  # (entries, 3): m/s at 20 ft, unit vector toward which it blows (grid north, east)
+    crown_method: int = NO_CROWNS
 
 
-def terrain_of(landscape: Landscape) -> Terrain:
-    """Return the flattened cells of a landscape."""
+def terrain_of(landscape: Landscape, options: RateOptions = SURFACE_ONLY) -> Terrain:
+    """Return the flattened cells of a landscape.
+
+    Raises FireModelError if crown fire is wanted and the landscape has no canopy layers.
+    """
     codes = burnable_codes(landscape)
     place = np.full(int(landscape.fuel_model.max()) + 1, -1, dtype=np.int16)
     place[codes] = np.arange(len(codes))
     midflame = _midflame(landscape, codes).ravel()
     cells = landscape.fuel_model.ravel()
-    return Terrain(place[cells], landscape.gradient.reshape(2, -1), midflame, NO_FACTOR)
+    canopy = NO_CANOPY
+    if options.crown != "none":
+        canopy = canopy_of(landscape, options.foliar_moisture_pct)
+    return Terrain(place[cells], landscape.gradient.reshape(2, -1), midflame, NO_FACTOR, canopy)
+
+
+def window_of(terrain: Terrain, shape: tuple[int, int], here: tuple[slice, slice]) -> Terrain:
+    """Return the cells in a window of a landscape with ``shape``, flattened."""
+
+    def cut(layer: NDArray[np.generic]) -> Any:
+        return layer if layer.size == 1 else layer.reshape(shape)[here].ravel()
+
+    return Terrain(
+        cut(terrain.fuel),
+        terrain.gradient.reshape(2, *shape)[:, *here].reshape(2, -1),
+        cut(terrain.midflame),
+        cut(terrain.rate_factor),
+        Canopy(*map(cut, terrain.canopy)),
+    )
 
 
 def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
@@ -87,29 +124,32 @@ def beds_of(landscape: Landscape, entries: Sequence[Weather]) -> list[list[FuelB
     ]
 
 
-def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool = False) -> Tables:
+def tables_of(
+    landscape: Landscape, entries: Sequence[Weather], options: RateOptions = SURFACE_ONLY
+) -> Tables:
     """Return the terms of the landscape's fuels for each weather entry.
 
-    Wind directions are converted from true north to grid north. ``wind_limit`` has the same meaning
-    as in ``rothermel``.
+    Wind directions are converted from true north to grid north.
     """
     beds = beds_of(landscape, entries)
-    terms = np.empty((len(entries), len(beds[0]), 6))
+    terms = np.empty((len(entries), len(beds[0]), 8))
     wind = np.empty((len(entries), 3))
     for number, entry in enumerate(entries):
         toward = math.radians(landscape.grid_deg(entry.wind_from_deg + 180.0))
         wind[number] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
+        terms[number, :, CROWN] = crown_factor(options.crown, entry)
         for place, bed in enumerate(beds[number]):
             limit_ft_min = rothermel.wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
-            terms[number, place] = (
+            terms[number, place, :CROWN] = (
                 bed.no_wind_rate_ft_min / FT_MIN_PER_M_S,
                 bed.wind_b,
                 bed.wind_c * FT_MIN_PER_M_S**bed.wind_b,
                 bed.slope_k,
                 limit_ft_min,
-                rothermel.wind_factor(bed, limit_ft_min) if wind_limit else math.inf,
+                rothermel.wind_factor(bed, limit_ft_min) if options.wind_limit else math.inf,
+                fireline_intensity_kw_m(bed, 1.0),
             )
-    return Tables(terms, wind)
+    return Tables(terms, wind, METHODS[options.crown])
 
 
 def perturbed(
@@ -132,28 +172,29 @@ def perturbed(
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
     terms[entry + 1 :, :, 0] *= spread_factor
+    terms[entry + 1 :, :, CROWN] *= spread_factor
     cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
     speed, north, east = tables.wind[entry:].T
     wind[entry + 1 :] = np.stack(
         [speed * wind_factor, north * cos - east * sin, east * cos + north * sin], axis=1
     )
-    return Tables(terms, wind)
+    return tables._replace(terms=terms, wind=wind)
 
 
 @kernel
-def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
-    """Return the fastest spread in a cell, and the eccentricity of the ellipse.
+def surface_head(cell, entry, wind_m_s, terrain, tables):  # type: ignore[no-untyped-def]
+    """Return the fastest spread of the surface fire in a cell, and the eccentricity of the ellipse.
 
-    The result is the rate in m/s along the slope, the unit vector (north, east) of the direction of
-    spread, and the eccentricity. Wind and slope are added as vectors
-    (``rothermel.fastest_spread``).
+    ``wind_m_s`` is the wind at 20 ft. The result is the rate in m/s along the slope, the unit
+    vector (north, east) of the direction of spread, and the eccentricity. Wind and slope are added
+    as vectors (``rothermel.fastest_spread``).
     """
     terms, fuel = tables.terms, terrain.fuel[cell]
     b, c = terms[entry, fuel, 1], terms[entry, fuel, 2]
     rise_north = np.float64(terrain.gradient[0, cell])
     rise_east = np.float64(terrain.gradient[1, cell])
     slope = math.sqrt(rise_north * rise_north + rise_east * rise_east)
-    wind = tables.wind[entry, 0] * terrain.midflame[cell]
+    wind = wind_m_s * terrain.midflame[cell]
     by_wind = c * wind**b if wind > 0.0 else 0.0
     north = by_wind * tables.wind[entry, 1]
     east = by_wind * tables.wind[entry, 2]
@@ -171,6 +212,49 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     effective_m_s = (factor / c) ** (1.0 / b)
     e = _eccentricity(_length_to_breadth(effective_m_s))
     return rate * (1.0 + factor), north, east, e
+
+
+@kernel
+def crowned_head(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
+    """Return the fastest spread in a cell as ``surface_head`` does, and the crown fraction burned.
+
+    Whether crowns burn depends on the intensity of the surface fire at its head. The front moves
+    with the faster of surface and crown fire.
+    """
+    wind_m_s = tables.wind[entry, 0]
+    rate, north, east, e = surface_head(cell, entry, wind_m_s, terrain, tables)
+    if tables.crown_method == NO_CROWNS:
+        return rate, north, east, e, 0.0
+    fuel, rate_factor = terrain.fuel[cell], terrain.rate_factor
+    heat = tables.terms[entry, fuel, HEAT]
+    critical_kw_m = terrain.canopy.critical_kw_m[cell]
+    if rate <= 0.0 or rate * heat < critical_kw_m:
+        return rate, north, east, e, 0.0
+    factor = tables.terms[entry, fuel, CROWN] * rate_factor[cell if rate_factor.size > 1 else 0]
+    density_kg_m3 = terrain.canopy.density_kg_m3[cell]
+    full_m_s = 0.0
+    if tables.crown_method == SCOTT_REINHARDT:
+        crowning_m_s = crowning_wind_of(factor, density_kg_m3)
+        full_m_s, _, _, _ = surface_head(cell, entry, crowning_m_s, terrain, tables)
+    crown, fraction, active = with_crowns(
+        tables.crown_method,
+        rate,
+        critical_kw_m / heat,
+        full_m_s,
+        factor,
+        wind_m_s,
+        density_kg_m3,
+    )
+    if active:
+        e = max(e, _eccentricity(crown_length_to_width(wind_m_s)))
+    return max(rate, crown), north, east, e, fraction
+
+
+@kernel
+def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
+    """Return the first four results of ``crowned_head``."""
+    rate, north, east, e, _ = crowned_head(cell, entry, terrain, tables)
+    return rate, north, east, e
 
 
 @kernel

@@ -26,9 +26,12 @@ class Scheme(NamedTuple):
     random: bool = False  # True if the class has the argument ``rng``, a random generator
 
 
+CROWN = ("crown", "foliar_moisture_pct")
 SCHEMES: dict[SchemeName, Scheme] = {
-    "anyangle": Scheme("firemodel.spread.anyangle", "AnyAngleFire", ("wind_limit", "precise")),
-    "devs8": Scheme("firemodel.spread.devs8", "Devs8Fire", ("wind_limit",)),
+    "anyangle": Scheme(
+        "firemodel.spread.anyangle", "AnyAngleFire", ("wind_limit", "precise", *CROWN)
+    ),
+    "devs8": Scheme("firemodel.spread.devs8", "Devs8Fire", ("wind_limit", *CROWN)),
     "probabilistic": Scheme(
         "firemodel.spread.probabilistic", "ProbabilisticFire", ("p_spread", "update_s"), random=True
     ),

@@ -12,6 +12,7 @@ from firemodel.compiled import compiled, inlined, kernel
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
+from firemodel.spread.rate_options import RateOptions
 
 ONE, TWO, FOUR, SIX, SEVEN = (np.uint64(each) for each in (1, 2, 4, 6, 7))
 TOUCH = 1e-9  # a line with a smaller fraction in a cell only touches a corner of the cell
@@ -37,16 +38,16 @@ class Ground(NamedTuple):
     computed: NDArray[np.int32]  # (n + 1) number of the computed cells, then their indices
 
 
-def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool) -> Ground:
+def ground_of(landscape: Landscape, entries: Sequence[Weather], options: RateOptions) -> Ground:
     """Return the ``Ground`` of a landscape; slownesses are computed later, when needed."""
-    terrain = terrain_of(landscape)
+    terrain = terrain_of(landscape, options)
     n, cols = terrain.fuel.size, landscape.shape[1]
     slowness = np.full(4 * n, np.nan)
     return Ground(
         cols,
         landscape.cell_size_m,
         terrain,
-        tables_of(landscape, entries, wind_limit),
+        tables_of(landscape, entries, options),
         _reach(terrain, cols),
         slowness,
         slowness.view(np.float32),
@@ -102,7 +103,7 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 @kernel
 def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
     """Set ``alike`` to -1 where cells from ``one`` on equal those from ``other`` on, else to 0."""
-    fuel, gradient, midflame, rate_factor = terrain
+    fuel, gradient, midflame, rate_factor, canopy = terrain
     north, east, size = gradient[0], gradient[1], alike.size
     fuel_1, fuel_2 = fuel[one : one + size], fuel[other : other + size]
     north_1, north_2 = north[one : one + size], north[other : other + size]
@@ -114,6 +115,12 @@ def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
     if rate_factor.size > 1:
         for k in range(size):
             if rate_factor[one + k] != rate_factor[other + k]:
+                alike[k] = 0
+    critical_kw_m, density_kg_m3, _ = canopy
+    if critical_kw_m.size > 1:
+        for k in range(size):
+            same = critical_kw_m[one + k] == critical_kw_m[other + k]
+            if not (same & (density_kg_m3[one + k] == density_kg_m3[other + k])):
                 alike[k] = 0
 
 

@@ -230,7 +230,8 @@ def fire_info(
     """Describe a landscape or a file of shapes. The exit code is 1 if problems are found.
 
     FILE is a raster or a file of shapes. For a landscape of several files, give LAYER=FILE for each
-    layer: fuel, elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.
+    layer: fuel, elevation, slope, aspect, canopy_cover, canopy_height, canopy_base,
+    canopy_bulk_density.
     """
     from firemodel.landscape.info import in_text
     from mission_service.cli.landscape_summary import describe_files

@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
+from firemodel.physics import CrownMethod
 from firemodel.spread.schemes import SchemeName
 from mission_service.config.relief_section import SimulatedBatteriesSection
 from mission_service.config.section_base import (
@@ -60,6 +61,7 @@ class LandscapeSection(Section):
     canopy_cover: Path | None = None
     canopy_height: Path | None = None
     canopy_base: Path | None = None
+    canopy_bulk_density: Path | None = None
     units: dict[str, str] = Field(default={})
     missing: Literal["refuse", "unburnable"] = "refuse"
     crs: str | None = None
@@ -155,6 +157,8 @@ class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 
     With ``precise``, paths of the any-angle scheme may also bend in the middle of a cell's edge.
+    ``crown`` is the method by which crown fire is computed, for landscapes with canopy layers;
+    ``foliar_moisture_pct`` is the moisture of the needles, on which the ignition of crowns depends.
     ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``.
     ``perimeter_feature`` is the number of the only feature to use, if not all are used. With
     ``repair_perimeter``, closed lines and invalid polygons become valid polygons. ``arrival`` is a
@@ -166,6 +170,8 @@ class FireSection(Section):
     scheme: SchemeName = "anyangle"
     wind_limit: bool = False
     precise: bool = False
+    crown: CrownMethod = "none"
+    foliar_moisture_pct: Annotated[float, Field(ge=0, le=400)] = 100.0
     perimeter: Path | None = None
     perimeter_feature: Annotated[int, Field(ge=1)] | None = None
     repair_perimeter: bool = False
@@ -183,6 +189,8 @@ class FireSection(Section):
         for name in ("repair_perimeter", "perimeter_feature"):
             if getattr(self, name) and self.perimeter is None:
                 raise ValueError(f"{name} has no effect without perimeter; leave it out")
+        if self.crown != "none" and self.scheme == "probabilistic":
+            raise ValueError('crown has no effect with scheme = "probabilistic"; leave it out')
         if self.initial_cells is not None:
             if self.scheme != "probabilistic":
                 raise ValueError('initial_cells needs scheme = "probabilistic"')

@@ -117,7 +117,7 @@ class BestFire:
         # Cells that planners received as burned; images may have removed these corrections since.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._confirmation = Confirmation(landscape.shape)
-        self._learned = LearnedInputs(landscape, self.fire.time_s)
+        self._learned = LearnedInputs(landscape, self.fire.time_s, self.fire.rate_options)
         self._applied = self._learned.state  # the inputs with which the fire burns
         self._weather = self.fire.weather  # of the last hours
 

@@ -17,6 +17,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
+from firemodel.spread.schemes import SCHEMES
 from mission_service.config.scenario import Scenario
 from mission_service.fire.scenario_fire import burning_of, estimate_errors, ignitions_of, weather_of
 
@@ -212,8 +213,7 @@ def new_estimate(
             scenario.estimate.members, scenario.seed, estimate_errors(scenario)
         ),
         burning=burning,
-        wind_limit=scenario.fire.wind_limit,
-        precise=scenario.fire.precise,
+        **{each: getattr(scenario.fire, each) for each in SCHEMES["anyangle"].settings},
     )
 
 

@@ -132,7 +132,7 @@ def expected_accuracy(
             f"{scenario.name}: nothing burns at the first takeoff ({scenario.first_flight_s:g} s); "
             "set deploy_at_s to a later time"
         )
-    learned = LearnedInputs(landscape, begun_s)
+    learned = LearnedInputs(landscape, begun_s, fire.rate_options)
     teams = [_Team(count, learned.copy(), fire) for count in counts]
     left = round(minutes * 60.0 / STEP_S)
     while left:

@@ -97,7 +97,10 @@ def test_a_scheme_by_chance_takes_its_settings() -> None:
         ({"duration_s": "x"}, "duration_s = 'x': give a number of seconds"),
         ({"weather": []}, r"weather = \[\]: give a Weather"),
         ({"landscape": 5}, "landscape = 5: give a Landscape"),
-        ({"wind": 3.0}, "wind: scheme anyangle has no such setting; it has wind_limit, precise"),
+        (
+            {"wind": 3.0},
+            "wind: scheme anyangle has no such setting; it has wind_limit, precise, crown,",
+        ),
     ],
 )
 def test_the_error_of_burn_gives_the_argument_and_the_remedy(

@@ -207,7 +207,7 @@ def test_a_stack_is_read_by_its_band_descriptions_or_by_numbers(tmp_path: Path) 
         ("Fuel models", ("fuel", "")),
         ("Canopy base height", ("canopy_base", "")),
         ("US_200CBH", ("canopy_base", "m*10")),
-        ("LC22_CBD_230", ("", "")),
+        ("LC22_CBD_230", ("canopy_bulk_density", "kg/m3*100")),
         ("Slope", ("slope", "")),
         ("percent cover of ash", ("", "")),
     ],

@@ -11,13 +11,29 @@ from numpy.typing import NDArray
 from firemodel.arrays import Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape import LAYERS
-from firemodel.landscape.landscape import MAX_ELEVATION_M, MAX_SLOPE, MAX_TREE_M
+from firemodel.landscape.landscape import (
+    MAX_CANOPY_KG_M3,
+    MAX_ELEVATION_M,
+    MAX_SLOPE,
+    MAX_TREE_M,
+)
 from firemodel.landscape.readers.bands import Band, bands_of, cells_with
 from firemodel.landscape.readers.fuel_code_systems import NO_FUEL, advice_on, renamed_code
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel, check_codes
 
-# The value of each unit in metres, or as a fraction.
-FACTORS = {"m": 1.0, "m*10": 0.1, "ft": 0.3048, "ft*10": 0.03048, "percent": 0.01, "fraction": 1.0}
+# The value of each unit in metres, as a fraction, or in kg/m³.
+FACTORS = {
+    "m": 1.0,
+    "m*10": 0.1,
+    "ft": 0.3048,
+    "ft*10": 0.03048,
+    "percent": 0.01,
+    "fraction": 1.0,
+    "kg/m3": 1.0,
+    "kg/m3*100": 0.01,
+    "lb/ft3": 16.018463,
+    "lb/ft3*1000": 0.016018463,
+}
 _HEIGHTS = ("m", "m*10", "ft", "ft*10")
 UNITS = {
     "fuel": (),
@@ -27,6 +43,7 @@ UNITS = {
     "canopy_cover": ("percent", "fraction", "class"),
     "canopy_height": _HEIGHTS,
     "canopy_base": _HEIGHTS,
+    "canopy_bulk_density": ("kg/m3", "kg/m3*100", "lb/ft3", "lb/ft3*1000"),
 }
 # The units that all programs use for these layers; the units of other layers must be given.
 USUAL_UNITS = {"elevation": "m", "aspect": "degrees"}
@@ -46,6 +63,12 @@ _WRITTEN_UNITS = {
     "foot": "ft",
     "meters x 10": "m*10",
     "feet x 10": "ft*10",
+    "kg/m3 x 100": "kg/m3*100",
+    "kg/m^3": "kg/m3",
+    "kg/m^3 x 100": "kg/m3*100",
+    "lb/ft3 x 1000": "lb/ft3*1000",
+    "lb/ft^3": "lb/ft3",
+    "lb/ft^3 x 1000": "lb/ft3*1000",
     "%": "percent",
     "deg": "degrees",
     "degree": "degrees",
@@ -67,6 +90,7 @@ _LANDFIRE = {
     "cc": ("canopy_cover", "percent"),
     "ch": ("canopy_height", "m*10"),
     "cbh": ("canopy_base", "m*10"),
+    "cbd": ("canopy_bulk_density", "kg/m3*100"),
 }
 _LANDFIRE_NAME = re.compile(rf"(?:^|_)(?:\d{{3}})?({'|'.join(_LANDFIRE)})(?:_|$)")
 
@@ -149,6 +173,7 @@ def limits(layer: str, unit: str) -> tuple[float, float]:
         "elevation": (-MAX_ELEVATION_M, MAX_ELEVATION_M),
         "slope": (0.0, MAX_SLOPE),
         "canopy_cover": (0.0, 1.0),
+        "canopy_bulk_density": (0.0, MAX_CANOPY_KG_M3),
     }.get(layer, (0.0, MAX_TREE_M))
     return least / FACTORS[unit], most / FACTORS[unit]
 

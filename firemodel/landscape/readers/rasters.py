@@ -65,7 +65,8 @@ def read_landscape(
     Args:
         files: One file whose band descriptions name the layers (an .lcp or a GeoTIFF). Otherwise a
             mapping from each layer to its file, or to (file, band from 1). The layers are fuel,
-            elevation, slope, aspect, canopy_cover, canopy_height and canopy_base.
+            elevation, slope, aspect, canopy_cover, canopy_height, canopy_base and
+            canopy_bulk_density.
         units: The units of layers (``layers.UNITS``), instead of those in the files. If neither
             ``units`` nor the file contains the unit of a layer, elevation is in metres, aspect is
             in degrees clockwise from north, and slope and canopy are rejected.
@@ -133,6 +134,7 @@ def read_landscape(
         layers.get("canopy_cover"),
         layers.get("canopy_height"),
         layers.get("canopy_base"),
+        layers.get("canopy_bulk_density"),
         dict(custom_fuels or {}),
     )
 

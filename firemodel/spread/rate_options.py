@@ -1,0 +1,16 @@
+"""Define the options of spread rates, without importing compiled code."""
+
+from typing import NamedTuple
+
+from firemodel.physics import CrownMethod
+
+
+class RateOptions(NamedTuple):
+    """The options of spread rates, which have the same names in scenarios and schemes."""
+
+    wind_limit: bool = False  # Rothermel's limit of the effective wind (see ``rothermel``)
+    crown: CrownMethod = "none"  # the method of ``crown_fire``
+    foliar_moisture_pct: float = 100.0  # moisture of the needles, for the ignition of crowns
+
+
+SURFACE_ONLY = RateOptions()
