@@ -16,6 +16,7 @@ Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]
 Severity = Literal["warning", "severe"]
 CheckState = Literal["pass", "fail", "unknown"]
+ReliefRole = Literal["stands by", "relieves", "resumes", "on task", "leaves"]
 LandingPhaseName = Literal["none", "waiting", "sending", "approach", "final", "going around"]
 ClearingPhase = Literal[
     "ordered", "acknowledged", "waiting", "on its way", "out", "on the ground", "not reached"
@@ -94,6 +95,18 @@ class ShowLanding(Command, frozen=True, tag=True):
 
     phase: LandingPhaseName
     holds: bool = False
+
+
+class ShowRelief(Command, frozen=True, tag=True):
+    """Show the vehicle's role in a task that vehicles fly in turn, also in words.
+
+    A vehicle that is now ``on task`` takes over the planner of the vehicle ``takes_over_from``
+    (empty: of none).
+    """
+
+    role: ReliefRole
+    text: str
+    takes_over_from: str = ""
 
 
 class Orbit(Command, frozen=True, tag=True):
@@ -284,6 +297,7 @@ AnyCommand = (
     | Land
     | GoAround
     | ShowLanding
+    | ShowRelief
     | Orbit
     | ChangeSpeed
     | DirectionDecision

@@ -118,6 +118,12 @@ class MockAutopilot:
     def battery_percent(self, percent: float | None) -> None:
         self.flight.battery.percent = percent
 
+    def replace_battery(self) -> None:
+        """Replace the battery by a full one. Raises RuntimeError while the vehicle is armed."""
+        if self.flight.armed or self.flight.airborne:
+            raise RuntimeError("a battery is replaced on the ground, while the vehicle is disarmed")
+        self.flight.battery.replace()
+
     def breach_fence(self, breached: bool) -> None:
         """Set whether the vehicle's fence is breached."""
         self.flight.breach(breached, self._now_s())

@@ -22,6 +22,10 @@ class Battery:
     acted: bool = False  # whether the low battery has been reported
     warned: bool = False  # whether the emergency has been reported
 
+    def replace(self) -> None:
+        """Replace the battery by a full one of the same kind."""
+        self.percent, self.acted, self.warned = 100.0, False, False
+
     def drain(self) -> bool:
         """Drain the battery for one step in the air; return True once, when it is low."""
         if self.percent is None:

@@ -11,6 +11,7 @@ from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
 from firemodel.physics import CrownMethod
 from firemodel.spread.schemes import SchemeName
+from mission_service.config.relief_section import SimulatedBatteriesSection
 from mission_service.config.section_base import (
     Finite,
     Latitude,
@@ -382,7 +383,11 @@ class SimulatedCameraSection(Section):
 
 
 class SimulationSection(Section):
-    """The simulated fire and the simulated cameras; without ``fire`` neither is simulated."""
+    """The simulated fire, cameras and batteries; without their tables they are not simulated.
+
+    Without ``fire`` the cameras are not simulated either.
+    """
 
     fire: SimulatedFireSection | None = None
     camera: SimulatedCameraSection = SimulatedCameraSection()
+    batteries: SimulatedBatteriesSection | None = None

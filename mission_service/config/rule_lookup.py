@@ -45,6 +45,10 @@ class Way(Protocol):
     def reads_fronts(self) -> bool:
         """Whether the planners use the fronts of the estimated fire (``FrontsEstimated``)."""
 
+    @property
+    def relieves(self) -> bool:
+        """Whether vehicles may relieve each other (the table ``[relief]``)."""
+
     def check(self, scenario: Any) -> None:
         """Raise ValueError for vehicles or tables that this way of flying cannot use."""
 

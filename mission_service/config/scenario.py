@@ -30,6 +30,7 @@ from mission_service.config.fire_sections import (
     WeatherEntry,
     WeatherFile,
 )
+from mission_service.config.relief_section import ReliefSection, refuse_relief
 from mission_service.config.renamed_keys import renamed_keys
 from mission_service.config.rule_lookup import Way, own_ways, rules, way_named
 from mission_service.config.section_base import Line, NotNegative, Section
@@ -95,6 +96,7 @@ class Scenario(Section):
     airspace: AirspaceSection = AirspaceSection()
     link: LinkSection = LinkSection()
     surveillance: SurveillanceSection | None = None
+    relief: ReliefSection | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> "Scenario":
@@ -111,6 +113,8 @@ class Scenario(Section):
         self.way.check(self)
         if self.surveillance is not None:
             _refuse_resolution(self, self.surveillance.resolution)
+        if self.relief is not None:
+            refuse_relief(self, self.relief)
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and have increasing times")

@@ -38,6 +38,7 @@ from mission_service.core.mission_starts import WAITS, MissionStarts
 from mission_service.core.operator_orders import OperatorOrders, hold_again
 from mission_service.core.other_aircraft import OtherAircraft
 from mission_service.core.preflight import Preflight
+from mission_service.core.reliefs import Reliefs
 from mission_service.core.request_results import RequestResults
 from mission_service.core.return_parameters import return_read
 from mission_service.guidance.protocol import Decision, Guidance
@@ -139,6 +140,12 @@ class Core:
             self._preflight,
         )
 
+        self._reliefs: Reliefs | None = None
+        if scenario.relief is not None:
+            self._reliefs = Reliefs(
+                scenario.relief, landscape, self.vehicles, self.guidance, self._energy
+            )
+
     @property
     def _way(self) -> WayOfFlying:
         return way_of(self.scenario)
@@ -226,6 +233,8 @@ class Core:
         return [*commands, *self.clearing.on_operator(event)]
 
     def _requested(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
+        if self._reliefs is not None:
+            self._reliefs.on_operator(event)
         if isinstance(event, events.Resumed):  # the restart leaves links and commands unconfirmed
             self.decision_engine.apply_restart(event)
             for vehicle in self.vehicles.values():
@@ -283,6 +292,8 @@ class Core:
         if vehicle.availability.airborne and not was.airborne:
             vehicle.start_again_at_s = None  # the takeoff was the start that was due
             commands += self._found_in_air(vehicle, was)
+        if self._reliefs is not None and at_s >= self.scenario.deploy_at_s:
+            commands += self._reliefs.moved(vehicle, at_s)
         return [*commands, *self._moved(vehicle, at_s, decision)]
 
     def _connected(self, vehicle: Vehicle, event: events.VehicleConnected) -> list[AnyCommand]:
@@ -346,6 +357,8 @@ class Core:
         if self._approvals is not None:
             commands += self._approvals.lapsed(vehicle, at_s)
         commands += self.guidance.announcements(vehicle, at_s, decision)
+        if self._reliefs is not None and self._reliefs.stays_on_ground(vehicle):
+            return commands
         if not vehicle.deployed:
             return [*commands, *self._deploy(vehicle, fix)]
         if not availability.airborne:
@@ -372,6 +385,8 @@ class Core:
             vehicle.validate_state()
         if self._approvals is not None:
             self._approvals.validate_state(self.vehicles)
+        if self._reliefs is not None:
+            self._reliefs.task.validate_state()
 
     # Flight to the fire and home --------------------------------------------------------------
 
@@ -476,7 +491,7 @@ class Core:
 
     def _disarmed(self, vehicle: Vehicle, has_landed: bool) -> list[AnyCommand]:
         vehicle.waits_for_operator = True
-        vehicle.sent_home = vehicle.going_home = False
+        vehicle.sent_home = vehicle.going_home = vehicle.lands_after_return = False
         ended = self._end_intentions(vehicle, "the vehicle was disarmed")
         ended += self._energy.ended(vehicle)
         ended += back_under_control(vehicle)

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
-from mission_service.commands import AnyCommand, ShowLanding, UploadMission
+from mission_service.commands import AnyCommand, ShowLanding, ShowRelief, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.fire.observed_window import without_speckles
 from mission_service.guidance.protocol import Decision, ReadsFronts, Steered
@@ -41,6 +41,9 @@ class DecisionEngine:
         self._landscape = landscape
         self._deploy_at_s = scenario.deploy_at_s
         burn = scenario.burn
+        if scenario.relief is not None:
+            for name in scenario.relief.vehicles:
+                availability[name].off_task = True
         self._airborne_m = AIRBORNE_M if burn is None else burn.drop_height_m / 2.0
 
     def apply(self, event: events.VehicleEvent) -> Decision | None:
@@ -65,6 +68,8 @@ class DecisionEngine:
             self.availability[command.vehicle].on_sent(type(command), at_s)
         elif isinstance(command, ShowLanding):
             self.show_landing(command, at_s)
+        elif isinstance(command, ShowRelief):
+            self._show_relief(command)
 
     def show_landing(self, shown: ShowLanding, at_s: float) -> None:
         """Record the phase of a landing; no effect if the phase is recorded already.
@@ -76,6 +81,14 @@ class DecisionEngine:
             availability.mode_is_ordered, availability.hold_is_ordered = True, False
             self.planners[shown.vehicle].left(at_s)
         availability.landing = shown.phase
+
+    def _show_relief(self, shown: ShowRelief) -> None:
+        """Record a role; a vehicle that takes over a task exchanges its planner for the task's."""
+        self.availability[shown.vehicle].off_task = shown.role != "on task"
+        other, planners = shown.takes_over_from, self.planners
+        if other and other != shown.vehicle:
+            assert isinstance(planners, dict)  # of a rule with ``relieves``
+            planners[shown.vehicle], planners[other] = planners[other], planners[shown.vehicle]
 
     def apply_restart(self, event: events.Resumed) -> None:
         """Apply a restart of the service: no vehicle is connected."""
@@ -115,7 +128,7 @@ class DecisionEngine:
         planner = self.planners[event.vehicle]
         if event.corrects:
             planner.correct(event)
-        elif not event.distrusted:
+        elif not (event.distrusted or availability.off_task):
             planner.observe(without_speckles(event))
 
     def _fronts_estimated(
@@ -129,7 +142,8 @@ class DecisionEngine:
         if availability.airborne:  # on the ground the estimate is unreliable
             at_s = event.at_us / 1e6
             availability.measured_wind = MeasuredWind(at_s, event.speed_m_s, event.from_deg)
-            self.planners[event.vehicle].wind(event.speed_m_s, event.from_deg, at_s)
+            if not availability.off_task:
+                self.planners[event.vehicle].wind(event.speed_m_s, event.from_deg, at_s)
 
     def _on_link(
         self,
@@ -251,7 +265,7 @@ class DecisionEngine:
             availability.recalled_on_ground = False
             if availability.mode in GOING_HOME:  # the mode's report preceded the takeoff
                 self.recall(telemetry.vehicle, at_s)
-        if not availability.flies or at_s < self._deploy_at_s:
+        if not availability.flies or availability.off_task or at_s < self._deploy_at_s:
             return None
         return self.planners[telemetry.vehicle].at(row, col, at_s)
 

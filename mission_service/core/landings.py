@@ -148,16 +148,13 @@ class Landings:
     # Events -----------------------------------------------------------------------------------
 
     def _lands_after_return(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether a vehicle that has returned must land, because no time is left on task.
+        """Return whether a vehicle that has returned must land: relieved, or without time left.
 
-        ArduPlane would circle above home until the battery is empty. The other autopilots land.
+        Planes circle above home, ArduPlane until the battery is empty. The other autopilots land.
         """
-        section, availability, found = (
-            vehicle.section,
-            vehicle.availability,
-            vehicle.energy.estimate,
-        )
-        circles = (section.stack, section.kind) == ("ardupilot", "plane")
+        section, availability = vehicle.section, vehicle.availability
+        found, relieved = vehicle.energy.estimate, vehicle.lands_after_return
+        circles = section.kind == "plane" and (section.stack == "ardupilot" or relieved)
         circles &= availability.mode == "return" and availability.airborne
         circles &= not vehicle.landing_state.active
         if not circles or found is None or availability.in_failsafe:
@@ -165,14 +162,15 @@ class Landings:
         if vehicle.landing_state.alarm or not availability.position_good:
             return False
         near = math.dist((fix.x_m, fix.y_m), vehicle.home_m) <= HOME_WITHIN_M
-        return near and found.time_on_task_s <= 0.0
+        return near and (relieved or found.time_on_task_s <= 0.0)
 
     def _land_after_return(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Begin the landing of a vehicle that has returned; raise an alarm if it cannot land."""
         obstacle = self.obstacle(vehicle)
         if obstacle:
             return self._raise(vehicle, f"it circles above home and cannot land: {obstacle}")
-        return self.land(vehicle, "no time is left on task", at_s)
+        relieved = vehicle.lands_after_return
+        return self.land(vehicle, "relieved" if relieved else "no time is left on task", at_s)
 
     def found_flying(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Continue a landing, because the vehicle flies the landing mission on board again."""

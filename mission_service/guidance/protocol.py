@@ -195,6 +195,28 @@ class Guidance(ABC):
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
         """Return a mission that follows a path and loiters at its end."""
 
+    def send_to(self, name: str, path_m: Floats | None) -> None:
+        """Send a vehicle along a path, (n, 2) x, y in metres; after None its planner leads.
+
+        Only for ways of flying with ``relieves``.
+        """
+        raise NotImplementedError
+
+    def sent_to(self, name: str) -> Floats | None:
+        """Return the path along which ``send_to`` has sent a vehicle, or None."""
+        raise NotImplementedError
+
+    def task_begun(self, name: str) -> bool:
+        """Return whether a vehicle's planner has found its task. Only with ``relieves``."""
+        raise NotImplementedError
+
+    def task_path(self, name: str, x_m: float, y_m: float) -> Floats | None:
+        """Return the path of a vehicle's planner from a position on; None before its task begins.
+
+        The path is (n, 2) x, y in metres. Only for ways of flying with ``relieves``.
+        """
+        raise NotImplementedError
+
     def in_mission(self, name: str) -> bool:
         """Return whether this airborne vehicle flies the mission on board."""
         return True

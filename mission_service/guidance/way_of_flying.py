@@ -55,6 +55,8 @@ class WayOfFlying:
             ``max_airspeed_m_s``.
         requests: The operator requests that are possible in addition to ``OF_EVERY_RUN``.
         rates_hz: The message rates that differ from the defaults, by message id.
+        relieves: Whether vehicles may relieve each other: each has a separate planner, which one
+            vehicle hands over to the next.
         return_height_m: Computes the safe height above home for a return. None leaves the
             autopilot's setting.
         lock: Makes the lock, the last check of commands, if the scenario's tables need one.
@@ -74,6 +76,7 @@ class WayOfFlying:
     resumes_mission: bool = False
     messages_peers: bool = False
     changes_airspeed: bool = False
+    relieves: bool = False
     requests: tuple[type[Request], ...] = OF_VEHICLES
     rates_hz: Mapping[int, float] = field(default_factory=dict)
     return_height_m: "Callable[[Scenario, Landscape], float | None]" = lambda scenario, land: None

@@ -57,6 +57,7 @@ VEHICLE = VehicleState(
     time_on_task_s=1240,
     time_home_s=185,
     energy_source="battery",
+    relief="on task",
     direction="clockwise",
     decisions=312,
     reversals=2,

@@ -72,6 +72,27 @@ def _wind(entry: Weather, landscape: Landscape) -> Vector:
     return speed_m_s * math.sin(toward_rad), speed_m_s * math.cos(toward_rad)
 
 
+def time_to_task_s(
+    section: VehicleSection, landscape: Landscape, home_m: Vector, task_m: Vector, wind_m_s: Vector
+) -> float:
+    """Return the seconds from takeoff to a task; infinity if the wind prevents the flight.
+
+    ``home_m`` and ``task_m`` are (x, y) on the map, ``wind_m_s`` is the velocity of the air.
+    """
+    home_amsl_m, task_amsl_m = _amsl_m(section, landscape, home_m, task_m)
+    climb_m = max(task_amsl_m - home_amsl_m, section.altitude_agl_m)
+    to_task_m = (task_m[0] - home_m[0], task_m[1] - home_m[1])
+    return outbound_s(section, to_task_m, wind_m_s, climb_m)
+
+
+def _amsl_m(
+    section: VehicleSection, landscape: Landscape, home_m: Vector, task_m: Vector
+) -> tuple[float, float]:
+    """Return the altitudes of home, and of the vehicle at the task."""
+    home_amsl_m = float(landscape.elevation_at(*home_m))
+    return home_amsl_m, float(landscape.elevation_at(*task_m)) + section.altitude_agl_m
+
+
 def _flight_times(
     section: VehicleSection,
     landscape: Landscape,
@@ -80,12 +101,10 @@ def _flight_times(
     winds: list[Vector],
 ) -> tuple[int, int]:
     """Return the longest times of the flights to the task and back, in whole seconds."""
-    home_amsl_m = float(landscape.elevation_at(*home_m))
-    task_amsl_m = float(landscape.elevation_at(*task_m)) + section.altitude_agl_m
+    home_amsl_m, task_amsl_m = _amsl_m(section, landscape, home_m, task_m)
     to_task_m = (task_m[0] - home_m[0], task_m[1] - home_m[1])
     to_home_m = (-to_task_m[0], -to_task_m[1])
     return_climb_m = max(home_amsl_m + usual_return_height_m(section) - task_amsl_m, 0.0)
-    climb_m = max(task_amsl_m - home_amsl_m, section.altitude_agl_m)
 
     def back_s(wind_m_s: Vector) -> float:
         """Return the time of the flight home that begins in the opposite direction."""
@@ -94,7 +113,7 @@ def _flight_times(
         performance = planned_performance(section)
         return return_s(section, performance, to_home_m, over_ground_m_s, wind_m_s, return_climb_m)
 
-    out = max(outbound_s(section, to_task_m, wind, climb_m) for wind in winds)
+    out = max(time_to_task_s(section, landscape, home_m, task_m, wind) for wind in winds)
     return _whole(out), _whole(max(map(back_s, winds)))
 
 

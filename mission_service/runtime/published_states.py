@@ -124,6 +124,8 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     position_fix: str = ""
     order: str = ""  # the order in force: hold, return, land
     landing: str = ""  # phase of a landing: waiting, sending, approach, final, going around
+    # In a task that vehicles fly in turn: "on task", "relieves hawk in 4 min", "stands by", ...
+    relief: str = ""
     direction: str = ""
     decisions: int = 0
     reversals: int = 0

@@ -30,6 +30,7 @@ from mission_service.commands import (
     ReportEnergy,
     ShowClearing,
     ShowLanding,
+    ShowRelief,
     UploadMission,
     WithdrawMission,
     WithdrawPlan,
@@ -100,7 +101,7 @@ OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
     *("observer", "sensor", "estimate", "lost_link", "energy", "overdue"),
-    *("airspace", "clearing", "airspeed", "thrust", "landing", "aircraft", "preflight"),
+    *("airspace", "clearing", "airspeed", "thrust", "landing", "aircraft", "preflight", "relief"),
     *OF_FIRE,
 )
 
@@ -426,14 +427,10 @@ class StateView(Notices):
     def _commanded(self, vehicle: VehicleState, command: AnyCommand) -> None:
         name = vehicle.vehicle
         match command:
-            case DirectionDecision() | Orbit() | ChangeSpeed() | ReportEnergy() | ShowLanding():
+            case DirectionDecision() | Orbit() | ChangeSpeed():
                 self._led(vehicle, command)
-            case ReportChecks():
-                vehicle.checks = command.checks
-                vehicle.waits_for_signoff = command.waits
-                vehicle.signed_off_by = command.signed_off_by
-                vehicle.at_us = self.at_us
-                self._touch(f"vehicle/{name}")
+            case ReportEnergy() | ShowLanding() | ShowRelief() | ReportChecks():
+                self._reported(vehicle, command)
             case UploadMission() | ProposeMission():
                 self._sent(name, command)
             case Announce():
@@ -471,15 +468,8 @@ class StateView(Notices):
                 self._aircraft.on_level(name, command.aircraft, command.level)
                 self._touch("aircraft")
 
-    def _led(
-        self,
-        vehicle: VehicleState,
-        command: DirectionDecision | Orbit | ChangeSpeed | ReportEnergy | ShowLanding,
-    ) -> None:
+    def _led(self, vehicle: VehicleState, command: DirectionDecision | Orbit | ChangeSpeed) -> None:
         match command:
-            case ReportEnergy():
-                vehicle.time_on_task_s = command.time_on_task_s
-                vehicle.time_home_s, vehicle.energy_source = command.time_home_s, command.source
             case DirectionDecision():
                 vehicle.direction = command.direction
                 statistics = self.statistics.vehicles[vehicle.vehicle]
@@ -496,6 +486,22 @@ class StateView(Notices):
                 vehicle.orbit = OrbitState(*circle, command.radius_m, view_width_m)
             case ChangeSpeed():
                 vehicle.ordered_airspeed_m_s = command.airspeed_m_s
+        vehicle.at_us = self.at_us
+        self._touch(f"vehicle/{vehicle.vehicle}")
+
+    def _reported(
+        self, vehicle: VehicleState, command: ReportEnergy | ShowLanding | ShowRelief | ReportChecks
+    ) -> None:
+        match command:
+            case ReportChecks():
+                vehicle.checks = command.checks
+                vehicle.waits_for_signoff = command.waits
+                vehicle.signed_off_by = command.signed_off_by
+            case ReportEnergy():
+                vehicle.time_on_task_s = command.time_on_task_s
+                vehicle.time_home_s, vehicle.energy_source = command.time_home_s, command.source
+            case ShowRelief():
+                vehicle.relief = command.text
             case ShowLanding():
                 vehicle.landing = "" if command.phase == "none" else command.phase
                 vehicle.order = "hold" if command.holds else vehicle.order

@@ -45,6 +45,7 @@ from mission_service.runtime.gateway import (
 )
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
+from mission_service.simulation.battery_crew import BatteryCrew
 from mission_service.simulation.image_writer import (
     SIMULATED_ZERO,
     ImageWriter,
@@ -172,6 +173,7 @@ class Simulation:
         self.rigs = [
             SimulatedVehicle(section, scenario, landscape, self.clock) for section in scenario.flown
         ]
+        self._batteries = self._battery_crew(scenario)
         self.core = Core(scenario, landscape)
         gateways = {rig.gateway.name: rig.gateway for rig in self.rigs}
         warnings = warnings_on(scenario, landscape)
@@ -186,6 +188,13 @@ class Simulation:
         self._progress = progress
         self._report_us = self.clock.now_us
         self._heap = [(0, index) for index in range(len(self.rigs))]
+
+    def _battery_crew(self, scenario: Scenario) -> BatteryCrew | None:
+        section = scenario.simulation.batteries
+        if section is None:
+            return None
+        mocks = {rig.gateway.name: rig.mock for rig in self.rigs}
+        return BatteryCrew(section, scenario, mocks)
 
     def _fit_cameras(self, scenario: Scenario, landscape: Landscape) -> SimulatedFire | None:
         """Fit the vehicles with cameras that write files; return the fire that the images show."""
@@ -217,6 +226,8 @@ class Simulation:
         """Handle the next timer of a vehicle, then the due events of the crew."""
         now_us, index = heapq.heappop(self._heap)
         self.rigs[index].handle_due(now_us, self.service)
+        if self._batteries is not None:
+            self._batteries.work(self.clock.now_us / 1e6)
         if self._crew is not None:
             for event in self._crew(self.clock.now_us, self.core):
                 # The estimate may refuse the event, as in a live run.

@@ -73,6 +73,7 @@ class VehicleAvailability:
     measured_wind: MeasuredWind | None = None
     height_m: float = 0.0  # last reported height above home
     landing: LandingPhaseName = "none"  # the phase of a landing that the service controls
+    off_task: bool = False  # whether another vehicle flies the task, so that no decision is made
     mode: str = ""  # mode in the last report
     armed: bool = False
     mode_is_ordered: bool = True  # False if the autopilot or the pilot selected the mode
@@ -160,6 +161,7 @@ class VehicleAvailability:
         """
         ordered = self.mode_is_ordered and not self.airborne
         fresh = VehicleAvailability(self.online, measured_wind=self.measured_wind, fix=self.fix)
+        fresh.off_task = self.off_task
         fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
         fresh.recalled = self.recalled and self.armed
         fresh.recalled_on_ground = fresh.recalled and self.recalled_on_ground

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from mission_service.commands import CheckState, PreflightCheck
 from mission_service.config.sections import VehicleSection
-from mission_service.vehicles.endurance import outbound_s, return_s
+from mission_service.vehicles.endurance import expected_performance, outbound_s, return_s
 from mission_service.vehicles.energy import times_left
 from mission_service.vehicles.vehicle_state import MissionPhase, Vehicle
 from mission_service.vehicles.way_home import Vector
@@ -145,7 +145,10 @@ def _flight_s(vehicle: Vehicle, departure: Departure) -> tuple[float, float] | N
     out_s = outbound_s(section, task_m, wind_m_s, section.altitude_agl_m)
     climb_m = max(departure.return_height_m - section.altitude_agl_m, 0.0)
     back_m = (-task_m[0], -task_m[1])
-    return out_s, return_s(section, back_m, wind_m_s, wind_m_s, climb_m)
+    fix = vehicle.availability.fix
+    ground_amsl_m = 0.0 if fix is None else fix.altitude_m
+    performance = expected_performance(vehicle, ground_amsl_m + section.altitude_agl_m)
+    return out_s, return_s(section, performance, back_m, wind_m_s, wind_m_s, climb_m)
 
 
 def _position(vehicle: Vehicle, departure: Departure) -> PreflightCheck:

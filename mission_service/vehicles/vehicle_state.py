@@ -107,6 +107,7 @@ class Vehicle:
     return_again_at_s: float | None = None
     going_home: bool = False  # whether the energy left is needed for the flight home
     sent_home: bool = False
+    lands_after_return: bool = False  # a plane that was relieved lands, instead of circling at home
     next_mission: Pending | None = None  # the mission that is proposed or being uploaded
     mission_phases: deque[MissionPhase] = field(
         default_factory=lambda: deque([MissionPhase.NONE], HISTORY_LENGTH)

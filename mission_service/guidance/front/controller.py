@@ -67,6 +67,7 @@ class FrontFlight(Guidance):
         self._phase = dict.fromkeys(self.planners, "")
         self._watch = FrontMonitor(self.planners, landscape.cell_size_m)
         self._renewal = Renewal(scenario.mission, traffic)
+        self._sent_along: dict[str, Floats] = {}  # paths that are not of the planners
         self._adviser = TeamSizeAdviser(
             CoverageTargets(scenario.planner.max_revisit_s, scenario.planner.max_unseen_advance_m)
         )
@@ -97,8 +98,36 @@ class FrontFlight(Guidance):
                 commands.append(Announce(name, words, "warning"))
         return commands
 
+    def send_to(self, name: str, path_m: Floats | None) -> None:
+        """Send a vehicle along a path, (n, 2) x, y in metres; after None its planner leads."""
+        self._sent_along.pop(name, None)
+        if path_m is not None:
+            self._sent_along[name] = path_m
+
+    def sent_to(self, name: str) -> Floats | None:
+        """Return the path along which ``send_to`` has sent a vehicle, or None."""
+        return self._sent_along.get(name)
+
+    def task_begun(self, name: str) -> bool:
+        """Return whether a vehicle's planner has found the front."""
+        return self.planners[name].phase != "approach"
+
+    def task_path(self, name: str, x_m: float, y_m: float) -> Floats | None:
+        """Return the path of a vehicle's planner from a position on; None on its approach."""
+        if not self.task_begun(name):
+            return None
+        planner = self.planners[name]
+        row, col = (float(value) for value in self.landscape.row_col_of(x_m, y_m))
+        return self._path(planner, row, col)
+
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
-        """Return the path to the reported fire, along which the camera finds the front."""
+        """Return the path on which the vehicle is sent, or the path to the reported fire.
+
+        On the path to the fire the camera finds the front.
+        """
+        sent_along = self._sent_along.get(vehicle.name)
+        if sent_along is not None:
+            return np.vstack([(fix.x_m, fix.y_m), sent_along])
         return approach_path(self.scenario, self.landscape, (fix.x_m, fix.y_m))
 
     def announcements(
@@ -143,7 +172,9 @@ class FrontFlight(Guidance):
         names = vehicles if isinstance(event, OperatorEvent) else (event.vehicle,)
         availability = {name: vehicle.availability for name, vehicle in vehicles.items()}
         commands = self._watch.standing_alarms() if isinstance(event, Resumed) else []
-        for name in names:
+        relief = self.scenario.relief
+        in_turn = () if relief is None else relief.vehicles  # the relief reports their task
+        for name in (each for each in names if each not in in_turn):
             available = availability[name].flies and availability[name].armed
             available &= not (vehicles[name].ordered or availability[name].on_ground)
             commands += self._watch.update(name, available, observes_front(event), availability)
@@ -173,16 +204,20 @@ class FrontFlight(Guidance):
 
     def _follow(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Return the upload of a new mission if the path of the current mission is outdated."""
-        planner = self.planners[vehicle.name]
+        planner, sent_along = self.planners[vehicle.name], self._sent_along.get(vehicle.name)
+        if sent_along is not None:
+            why = self._renewal.why_sent(vehicle, sent_along)
+            return [] if why is None else [self._upload(vehicle, sent_along, fix, why)]
         if planner.phase == "approach":
             path, why = self.first_path(vehicle, fix), self._renewal.why_on_approach(vehicle)
             return [] if why is None else [self._upload(vehicle, path, fix, why)]
-        ahead = self._path(planner, fix) if self._renewal.is_open(vehicle, fix) else None
+        is_open = self._renewal.is_open(vehicle, fix)
+        ahead = self._path(planner, fix.row, fix.col) if is_open else None
         why = None if ahead is None else self._renewal.why(vehicle, ahead, fix)
         return [] if ahead is None or why is None else [self._upload(vehicle, ahead, fix, why)]
 
-    def _path(self, planner: Planner, fix: PositionFix) -> Floats | None:
-        cells = np.asarray(planner.path(fix.row, fix.col), dtype=float)
+    def _path(self, planner: Planner, row: float, col: float) -> Floats | None:
+        cells = np.asarray(planner.path(row, col), dtype=float)
         if not np.isfinite(cells).all():
             raise ValueError("the planner's path has a value that is not finite")
         if len(cells) < 2:
@@ -194,7 +229,7 @@ class FrontFlight(Guidance):
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             return self.items(vehicle, self.first_path(vehicle, fix), fix)
-        path = self._path(planner, fix)
+        path = self._path(planner, fix.row, fix.col)
         return None if path is None else self.items(vehicle, path, fix)
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:

@@ -18,6 +18,7 @@ from mission_service.vehicles.vehicle_state import Vehicle
 COMPARED_SHARE = 0.25  # fraction of the horizon over which new and flown paths are compared
 LEFT_SHARE = 0.4  # fraction of the horizon; a mission with a shorter path left is renewed
 CHECK_EVERY_S = 2.0
+SENT_TOLERANCE_M = 10.0  # distance between the ends of a path to fly and of the mission on board
 CLOSE_BELOW = "another vehicle flies close below"
 TURN_BACK = "turn back"
 
@@ -62,6 +63,16 @@ class Renewal:
         if vehicle.flown_line is not None and not vehicle.due:
             return None
         return vehicle.due or "fly to the fire"
+
+    def why_sent(self, vehicle: Vehicle, path_m: NDArray[np.float64]) -> str | None:
+        """Return the reason to send the mission along ``path_m`` (n, 2), or None if it is flown."""
+        if vehicle.flown_line is None:
+            return "no confirmed mission on board"
+        if vehicle.due:
+            return vehicle.due
+        ends = shapely.Point(vehicle.flown_line.coords[-1])
+        off_m = float(shapely.distance(ends, shapely.Point(path_m[-1])))
+        return "relief" if off_m > SENT_TOLERANCE_M else None
 
     def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         """Return whether the mission may be renewed now.

@@ -45,15 +45,19 @@ def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None)
     Returns:
         The object to which an entry point in the group ``mission_service.planners`` refers.
     """
-    return along_front((rule,), partial(_checked, planner), section)
+    return along_front((rule,), partial(_checked, planner), section, relieves=True)
 
 
 def along_front(
-    rules: tuple[str, ...], planners: Planners, section: type[BaseModel] | None = None
+    rules: tuple[str, ...],
+    planners: Planners,
+    section: type[BaseModel] | None = None,
+    relieves: bool = False,
 ) -> WayOfFlying:
     """Return a way of flying along a front.
 
-    The function ``planners`` returns the planners of all vehicles, by vehicle name.
+    The function ``planners`` returns the planners of all vehicles, by vehicle name. ``relieves`` is
+    whether these are separate, so that vehicles may relieve each other.
     """
     return WayOfFlying(
         rules,
@@ -61,6 +65,7 @@ def along_front(
         warm_up=partial(later(f"{FOLDER}.warm_up:warm_up"), planners),
         section=section,
         along_front=True,
+        relieves=relieves,
     )
 
 
@@ -90,4 +95,4 @@ def _planners(scenario: "Scenario", landscape: "Landscape") -> "dict[str, Planne
     return _each_alone(maker, scenario, landscape)
 
 
-FRONT = along_front(tuple(PLANNERS), _planners)
+FRONT = along_front(tuple(PLANNERS), _planners, relieves=True)

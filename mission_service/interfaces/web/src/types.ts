@@ -57,6 +57,7 @@ export interface Vehicle {
   position_fix: string;
   order: string; // the order in force: hold, return, land
   landing: string; // phase of a landing: waiting, sending, approach, final, going around
+  relief: string; // in a task that vehicles fly in turn: on task, relieves hawk in 4 min, stands by
   direction: string;
   decisions: number;
   reversals: number;

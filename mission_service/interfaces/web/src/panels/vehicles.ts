@@ -147,6 +147,7 @@ export class VehiclesPanel {
       ],
       ["Order", vehicle.order || null],
       ["Landing", vehicle.landing || null],
+      ["Relief", vehicle.relief || null],
       ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
       ["If the link is lost", lostLinkText(vehicle)],
       ["Energy", energyText(vehicle)],
@@ -186,7 +187,8 @@ function shortState(vehicle: Vehicle): string {
   const energy = vehicle.time_on_task_s === null ? "" : ` · ${timesText(vehicle)}`;
   const landing = vehicle.landing ? ` · LANDING: ${vehicle.landing}` : "";
   const order = landing || (vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "");
-  return `${vehicle.mode || "mode?"}${battery}${energy}${order}${takeoffText(vehicle)}`;
+  const relief = vehicle.relief ? ` · ${vehicle.relief}` : "";
+  return `${vehicle.mode || "mode?"}${battery}${energy}${order}${relief}${takeoffText(vehicle)}`;
 }
 
 /** For a vehicle on the ground: whether checks fail, or its takeoff waits for a sign-off. */

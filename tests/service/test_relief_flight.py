@@ -1,0 +1,282 @@
+"""Reliefs in flight in virtual time: handovers, failures, sign-offs, a restart of the service."""
+
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from autopilot_bridge.mock.failsafe_causes import Battery
+from mission_service.commands import Announce, RaiseAlarm
+from mission_service.config.scenario import Scenario
+from mission_service.events import Order, OrderGiven
+from mission_service.journal.journal_file import SegmentReader
+from mission_service.relief.task_relief import TaskRole
+from mission_service.replay.decisions import decide
+from mission_service.replay.verification import verify
+from tests.service.relief_flights import (
+    relief_scenario,
+    reliefs_in,
+    signed_off_in,
+    takeoffs_in,
+)
+from tests.service.test_read_back_missions import Flight as RestartableFlight
+
+MAX_RESUME_M = 50.0
+
+
+class Flight(RestartableFlight):
+    """A flight with reliefs that can be restarted."""
+
+    def texts(self) -> list[str]:
+        """Return the shown relief of each vehicle."""
+        states = self.simulation.service.state_view.vehicles
+        return [state.relief for state in states.values()]
+
+    def role(self, name: str) -> TaskRole:
+        reliefs = self.simulation.core._reliefs
+        assert reliefs is not None
+        return reliefs.task.members[name].role
+
+    def until(self, name: str, role: TaskRole, limit_s: float = 1200.0) -> None:
+        end_s = self.now_s + limit_s
+        while self.role(name) is not role:
+            assert self.now_s < end_s, f"{name} is not {role.value} but {self.role(name).value}"
+            self.fly(1.0)
+
+    @property
+    def now_s(self) -> float:
+        return self.simulation.clock.now_us / 1e6
+
+    def order(self, order: Order, name: str) -> None:
+        event = OrderGiven(self.simulation.clock.now_us, "ann", "", name, order)
+        self.simulation.service.submit(event, self.simulation.link_us)
+
+    def kill(self, name: str) -> None:
+        """Destroy a vehicle: it sends nothing any more."""
+        rig = next(each for each in self.simulation.rigs if each.gateway.name == name)
+        rig.mock = cast(Any, Dead())
+        rig._weather = None
+
+    def mock(self, name: str) -> Any:
+        return next(each for each in self.simulation.rigs if each.gateway.name == name).mock
+
+    def over(self) -> list[Any]:
+        """Close and verify the journal; return its entries."""
+        self.simulation.core.validate_state()
+        self.simulation.service.recording.journal.close()
+        assert verify(self.path).difference is None
+        assert decide(self.path).difference is None
+        return [entry.content for entry in SegmentReader(self.path)]
+
+
+class Dead:
+    """An autopilot that no longer exists."""
+
+    def next_timer(self) -> int:
+        return 2**62
+
+    def handle_timer(self, now_us: int) -> None:
+        return None
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        return None
+
+    def data_to_send(self) -> list[bytes]:
+        return []
+
+
+def standing(count: int = 3) -> Scenario:
+    return relief_scenario(count, standing_signoff=True)
+
+
+@pytest.mark.long
+def test_each_vehicle_is_relieved_in_the_air_and_its_task_resumed_where_it_was_left(
+    tmp_path: Path,
+) -> None:
+    flight = Flight(tmp_path, standing())
+    flight.fly(4.0)
+    assert flight.texts() == ["takes off", "stands by", "stands by"]
+    flight.until("hawk", TaskRole.ON_TASK)
+    hawk = flight.simulation.core.decision_engine.planners["hawk"]
+    flight.until("kite", TaskRole.RELIEVES)
+    assert flight.role("hawk") is TaskRole.ON_TASK  # the next one takes off before it leaves
+    assert flight.texts()[0] == "on task"
+    assert flight.texts()[1].startswith("relieves hawk in ")
+    flight.until("kite", TaskRole.ON_TASK)
+    assert flight.simulation.core.decision_engine.planners["kite"] is hawk
+    assert flight.texts()[0] == "flies home"
+    flight.until("hawk", TaskRole.STANDS_BY)
+    home = flight.mock("hawk").flight
+    assert not home.armed
+    assert not home.crashed
+    assert flight.texts()[0] == "waits for a full battery"  # none is reported
+    flight.until("swift", TaskRole.ON_TASK)
+    flight.fly(30.0)
+    closest = flight.simulation.service.statistics.closest
+    assert closest is not None
+    assert closest.distance_m >= flight.scenario.mission.separation_m
+    flight.over()
+    assert [name for _, name in takeoffs_in(flight.path)] == ["hawk", "kite", "swift"]
+    found = reliefs_in(flight.path)
+    assert [(each.left_by, each.resumed_by) for each in found] == [
+        ("hawk", "kite"),
+        ("kite", "swift"),
+    ]
+    for each in found:
+        assert each.distance_m <= MAX_RESUME_M
+        assert each.gap_s < 120.0
+        assert len(set(each.directions)) == 1, each
+
+
+@pytest.mark.long
+def test_no_vehicle_takes_off_without_its_sign_off(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, relief_scenario(2))
+    flight.fly(60.0)
+    assert flight.texts() == ["waits for sign-off"] * 2
+    flight.order("start", "kite")
+    flight.until("kite", TaskRole.ON_TASK)
+    assert flight.texts()[0] == "waits for sign-off"
+    flight.until("kite", TaskRole.LEAVES)  # hawk has no sign-off, and kite leaves in time
+    place = flight.simulation.core._reliefs.task.place  # type: ignore[union-attr]
+    flight.fly(5.0)
+    alarms = flight.simulation.service.state_view.alarms
+    assert alarms["relief/kite"].severity == "severe"
+    assert "hawk waits for sign-off" in alarms["relief/kite"].text
+    flight.until("kite", TaskRole.STANDS_BY)
+    assert not flight.mock("kite").flight.crashed
+    flight.order("start", "hawk")
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.fly(5.0)
+    assert "relief/kite" not in flight.simulation.service.state_view.alarms
+    flight.over()
+    assert [name for _, name in takeoffs_in(flight.path)] == ["kite", "hawk"]
+    assert signed_off_in(flight.path) == []
+    (found,) = reliefs_in(flight.path)
+    assert found.distance_m <= MAX_RESUME_M
+    assert place is not None
+
+
+@pytest.mark.long
+def test_a_vehicle_that_is_signed_off_takes_off_only_when_its_relief_is_due(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, relief_scenario(2))
+    flight.fly(3.0)
+    flight.order("start", "hawk")
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.order("start", "kite")
+    flight.fly(60.0)
+    assert not flight.mock("kite").flight.armed
+    flight.until("kite", TaskRole.RELIEVES)
+    found = flight.simulation.core.vehicles["hawk"].energy.estimate
+    assert found is not None
+    assert 0.0 < found.time_on_task_s < 240.0
+    flight.until("kite", TaskRole.ON_TASK)
+    flight.over()
+    assert signed_off_in(flight.path) == []
+
+
+@pytest.mark.long
+def test_after_the_loss_of_the_vehicle_on_task_the_next_one_takes_its_place(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, standing(2))
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.fly(150.0)
+    flight.kill("hawk")
+    flight.until("kite", TaskRole.ON_TASK, 400.0)
+    assert flight.texts() == ["no link", "on task"]
+    flight.over()
+    (found,) = reliefs_in(flight.path)
+    assert (found.left_by, found.resumed_by) == ("hawk", "kite")
+    assert found.distance_m <= MAX_RESUME_M
+
+
+@pytest.mark.long
+def test_if_the_next_one_is_lost_or_does_not_take_off_another_one_is_sent(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, relief_scenario(4, standing_signoff=True, overlap_s=200.0))
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.mock("kite").flight.crashed = True  # it does not arm
+    flight.until("kite", TaskRole.RELIEVES)
+    flight.until("swift", TaskRole.RELIEVES)
+    flight.fly(30.0)
+    flight.kill("swift")
+    flight.until("wren", TaskRole.ON_TASK)
+    entries = flight.over()
+    texts = [each.text for each in entries if isinstance(each, Announce)]
+    assert any("has not taken off to relieve" in text for text in texts)
+    (found,) = reliefs_in(flight.path)
+    assert (found.left_by, found.resumed_by) == ("hawk", "wren")
+    assert found.distance_m <= MAX_RESUME_M
+
+
+@pytest.mark.long
+def test_an_operator_who_orders_a_vehicle_down_keeps_it_down(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, relief_scenario(2, standing_signoff=True, ready_after_s=1.0))
+    for name in ("hawk", "kite"):
+        flight.mock(name).flight.battery.percent = 100.0  # full all the time
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.fly(100.0)
+    flight.order("return", "hawk")
+    flight.until("kite", TaskRole.ON_TASK, 400.0)
+    flight.order("land", "hawk")
+    flight.until("hawk", TaskRole.STANDS_BY)
+    flight.fly(60.0)
+    assert flight.texts()[0] == "waits for sign-off"
+    assert flight.simulation.core.vehicles["hawk"].waits_for_operator
+    flight.over()
+
+
+@pytest.mark.long
+def test_the_task_is_resumed_after_a_restart_of_the_service(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, relief_scenario(2))
+    flight.fly(3.0)
+    flight.order("start", "hawk")
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.until("hawk", TaskRole.LEAVES)
+    flight.keep_state()
+    before = flight.simulation.core._reliefs.task  # type: ignore[union-attr]
+    flight.begin_again()
+    after = flight.simulation.core._reliefs.task  # type: ignore[union-attr]
+    assert after is not before
+    assert after.place == before.place is not None
+    flight.fly(20.0)
+    flight.order("start", "kite")
+    flight.until("kite", TaskRole.ON_TASK)
+    entries = flight.over()
+    assert any(isinstance(each, RaiseAlarm) and each.alarm == "relief" for each in entries)
+    (found,) = reliefs_in(flight.path)
+    assert (found.left_by, found.resumed_by) == ("hawk", "kite")
+    assert found.distance_m <= MAX_RESUME_M
+
+
+@pytest.mark.long
+def test_the_vehicle_on_task_continues_and_is_relieved_after_a_restart(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, standing(2))
+    flight.until("kite", TaskRole.RELIEVES)
+    flight.fly(15.0)
+    flight.keep_state()
+    flight.begin_again()
+    flight.until("kite", TaskRole.ON_TASK)
+    flight.over()
+    (found,) = reliefs_in(flight.path)
+    assert (found.left_by, found.resumed_by) == ("hawk", "kite")
+    assert found.distance_m <= MAX_RESUME_M
+
+
+@pytest.mark.long
+def test_with_a_standing_sign_off_a_vehicle_is_ready_some_time_after_its_battery_is_full(
+    tmp_path: Path,
+) -> None:
+    flight = Flight(tmp_path, relief_scenario(2, standing_signoff=True, ready_after_s=100.0))
+    flight.until("hawk", TaskRole.ON_TASK)
+    for name in ("hawk", "kite"):
+        flight.mock(name).flight.battery = Battery(100.0, 800.0)
+    flight.until("kite", TaskRole.ON_TASK)
+    flight.until("hawk", TaskRole.STANDS_BY)
+    flight.fly(150.0)
+    assert flight.texts()[0] == "waits for a full battery"
+    flight.mock("hawk").replace_battery()
+    flight.fly(80.0)
+    hawk = flight.simulation.core.vehicles["hawk"]
+    assert hawk.waits_for_operator
+    flight.fly(60.0)
+    assert not hawk.waits_for_operator
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.over()
