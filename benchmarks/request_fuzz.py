@@ -207,6 +207,10 @@ class RequestGenerator:
                 return self._place(rng.choice([10.0, 300.0, 5000.0]))[name == "lon_deg"]
             case "name":
                 return str(rng.choice(["ann", "cy", " d ", "e" * 80]))
+            case "volume":
+                return str(rng.choice(["ann", "cy", "no such volume", "", ""]))
+            case "override":
+                return str(rng.choice(["the monitor is not calibrated", "", "", " "]))
             case "source":
                 return str(rng.choice(["tower", "satellite", ""]))
             case "false_alarms_pct":
