@@ -16,6 +16,7 @@ from mission_service.airspace.occupied_space import (
     path_parts,
     turns_towards,
 )
+from mission_service.commands import ClimbAndHold, HoldAt, Orbit
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState
 from mission_service.vehicles.availability import GOING_HOME, MISSION
@@ -65,7 +66,18 @@ class FlightSpace:
             return self.of_return(vehicle, fix)
         if mode in ("guided", "orbit") and state.orbit is not None:
             return [state.orbit]
+        if state.orbit is not None and vehicle.hold_at is not None and vehicle.ordered:
+            return [state.orbit]  # a PX4 holds at another place in the same mode
         return [self.of_hold(vehicle, state.began_at or position_of(fix))]
+
+    def of_hold_at(self, vehicle: Vehicle, command: Orbit | ClimbAndHold | HoldAt) -> Part:
+        """Return the space of a hold or an orbit at a place."""
+        x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
+        radius_m = vehicle.section.loiter_radius_m if vehicle.section.kind == "plane" else 0.0
+        if isinstance(command, Orbit):
+            radius_m = abs(command.radius_m)
+        altitude_m, reach_m = command.altitude_amsl_m, LOITER_RADIUS_FACTOR * radius_m + 1.0
+        return disc(float(x_m), float(y_m), reach_m, altitude_m, altitude_m)
 
     def of_hold(self, vehicle: Vehicle, position: Position) -> Part:
         """Return the space of a hold that begins at a position."""
