@@ -6,7 +6,9 @@ from mission_service.commands import Hold, HoldAt
 from mission_service.missions.orbits import highest_ground_m
 from mission_service.vehicles.vehicle_state import Vehicle
 
-MIN_HOLD_AGL_M = 30.0  # above the highest ground within the reach of a hold
+# Above the highest ground within the reach of a hold:
+MIN_HOLD_AGL_M = 20.0  # a hold that is lower is raised
+RAISED_HOLD_AGL_M = 40.0  # to this height
 
 
 def raised_hold(command: Hold, vehicle: Vehicle, landscape: Landscape) -> Hold | HoldAt:
@@ -24,11 +26,15 @@ def raised_hold(command: Hold, vehicle: Vehicle, landscape: Landscape) -> Hold |
     if landscape.elevation_m is None or not landscape.contains(*place_m):
         return command
     reach_m = 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m
-    least_m = highest_ground_m(landscape, place_m, place_m, reach_m) + MIN_HOLD_AGL_M
-    if fix.altitude_m >= least_m:
+    ground_m = highest_ground_m(landscape, place_m, place_m, reach_m)
+    if fix.altitude_m >= ground_m + MIN_HOLD_AGL_M:
         return command
     lat_deg, lon_deg = landscape.lat_lon_of(*place_m)
-    place = (round(float(lat_deg), 7), round(float(lon_deg), 7), round(least_m, 1))
+    place = (
+        round(float(lat_deg), 7),
+        round(float(lon_deg), 7),
+        round(ground_m + RAISED_HOLD_AGL_M, 1),
+    )
     if vehicle.ordered == "hold":
         vehicle.hold_at = place
     return HoldAt(vehicle.name, *place)

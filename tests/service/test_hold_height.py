@@ -5,7 +5,7 @@ import pytest
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import AnyCommand, Hold, HoldAt
 from mission_service.config.scenario import load_scenario
-from mission_service.core.hold_height import MIN_HOLD_AGL_M
+from mission_service.core.hold_height import RAISED_HOLD_AGL_M
 from mission_service.events import Aborted, CommandFinished
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.missions.orbits import highest_ground_m
@@ -29,7 +29,7 @@ def test_a_hold_is_above_the_highest_ground_that_its_circle_reaches(land: Landsc
     place_m = land.xy_of_lat_lon(*PLACE)
     radius_m = low.scenario.vehicles[0].loiter_radius_m
     ground_m = highest_ground_m(land, place_m, place_m, 2.0 * radius_m)
-    assert hold.altitude_amsl_m >= ground_m + MIN_HOLD_AGL_M - 0.1
+    assert hold.altitude_amsl_m >= ground_m + RAISED_HOLD_AGL_M - 0.1
     assert (hold.lat_deg, hold.lon_deg) == pytest.approx(PLACE, abs=1e-6)
     low.at_s += 0.25
     low.handle(CommandFinished(low.at_us, "hawk", "hold at", False, "temporarily rejected"))
