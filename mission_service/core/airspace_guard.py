@@ -364,7 +364,7 @@ class AirspaceGuard:
             return self._raised(vehicle, f"{words}; {why}")
         if at_s < state.acts_again_at_s or _waits_for_upload(vehicle, inside is not None):
             return []
-        if inside is not None and self._flies_out(vehicle):
+        if inside is not None and self._ends_outside(vehicle, airspace):
             return []
         if inside is None and not self._is_urgent(vehicle, fix, airspace):
             if vehicle.due != CHANGED:
@@ -414,6 +414,12 @@ class AirspaceGuard:
             shapely.dwithin(volume.area_m, here, near_m)
             for volume in airspace.blocked(low_m, high_m)
         )
+
+    def _ends_outside(self, vehicle: Vehicle, airspace: Airspace) -> bool:
+        """Return whether the vehicle flies out, and no volume has closed over the end of its way."""
+        route = self._states[vehicle.name].on_board
+        ends = bool(route) and airspace.volume_at(route[-1].position) is None
+        return ends and self._flies_out(vehicle)
 
     def _flies_out(self, vehicle: Vehicle) -> bool:
         """Return whether the vehicle flies the mission by which it leaves a volume."""
