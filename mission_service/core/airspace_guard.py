@@ -416,7 +416,7 @@ class AirspaceGuard:
         )
 
     def _ends_outside(self, vehicle: Vehicle, airspace: Airspace) -> bool:
-        """Return whether the vehicle flies out, and no volume has closed over the end of its way."""
+        """Return whether the vehicle flies out, and no volume has closed over its end."""
         route = self._states[vehicle.name].on_board
         ends = bool(route) and airspace.volume_at(route[-1].position) is None
         return ends and self._flies_out(vehicle)
