@@ -83,6 +83,35 @@ def turns_towards(
     return [_turn(start_m, course_rad, target_m, radius_m, side) for side in sides]
 
 
+def held_turn(
+    start_m: Point, velocity_m_s: Point, radius_m: float, for_s: float
+) -> tuple[list[Point], Point]:
+    """Return the points (x, y) of a turn to the right, as in a hold, and the velocity at its end.
+
+    Args:
+        start_m: Position (x, y) in metres.
+        velocity_m_s: Velocity over ground (east, north).
+        radius_m: Radius of the turn.
+        for_s: Duration of the turn in seconds.
+    """
+    speed_m_s = math.hypot(*velocity_m_s)
+    if speed_m_s < 1.0 or radius_m <= 0.0:
+        return [start_m], velocity_m_s
+    course_rad = math.atan2(*velocity_m_s)
+    turn_rad = min(speed_m_s * for_s / radius_m, math.pi)
+    count = math.ceil(turn_rad / TURN_STEP_RAD)
+    courses_rad = [course_rad + turn_rad * step / count for step in range(count + 1)]
+    points = [
+        (
+            start_m[0] + radius_m * (math.cos(course_rad) - math.cos(ahead_rad)),
+            start_m[1] - radius_m * (math.sin(course_rad) - math.sin(ahead_rad)),
+        )
+        for ahead_rad in courses_rad
+    ]
+    ahead = (math.sin(courses_rad[-1]), math.cos(courses_rad[-1]))
+    return points, (speed_m_s * ahead[0], speed_m_s * ahead[1])
+
+
 def _turn(
     start_m: Point, course_rad: float, target_m: Point, radius_m: float, side: float
 ) -> list[Point]:

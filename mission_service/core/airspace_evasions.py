@@ -16,7 +16,6 @@ from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
     MissionPlace,
     Position,
-    disc,
     mission_parts,
 )
 from mission_service.airspace.routes import exits_from
@@ -25,6 +24,7 @@ from mission_service.commands import Hold, HoldAt, UploadMission
 from mission_service.core.closed_airspace import ClosedAirspace
 from mission_service.core.flight_space import FlightSpace, position_of
 from mission_service.guidance.protocol import Guidance
+from mission_service.missions.orbits import highest_ground_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState, Evasion
 from mission_service.vehicles.missions_sent import MissionsSent
@@ -135,31 +135,59 @@ class Evasions:
         heights_m = line[:, 2] - self._landscape.elevation_at(line[:, 0], line[:, 1])
         return bool(heights_m.min() >= min(heights_m[0], heights_m[-1]) - 1.0)
 
-    def higher_hold(
+    def free_hold(
         self,
         vehicle: Vehicle,
         fix: PositionFix,
         command: HoldAt,
         airspace: Airspace,
-        radius_m: float,
-    ) -> HoldAt | Hold | None:
-        """Return the lowest hold above the volumes into which a descent would lead, or None.
+    ) -> HoldAt | Hold:
+        """Return the hold that replaces a descent into closed airspace.
 
-        The highest is a hold at the present altitude.
+        It is the lowest hold above the volumes at the same place, at most at the present altitude;
+        else the lower hold at the nearest free place; else a hold where the vehicle is.
         """
-        up_m = airspace.margins.vertical_m
-        x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
+        up_m, space = airspace.margins.vertical_m, self._space.of_hold_at(vehicle, command)
         ceilings_m = [volume.ceiling_m + up_m + 1.0 for volume in airspace.volumes]
         between_m = [up for up in ceilings_m if command.altitude_amsl_m < up < fix.altitude_m]
         for altitude_m in [*sorted(between_m), fix.altitude_m]:
-            space = disc(float(x_m), float(y_m), radius_m, altitude_m, fix.altitude_m)
-            if airspace.conflict([space], self._landscape, position_of(fix)) is not None:
+            column = replace(space, lowest_m=altitude_m, highest_m=fix.altitude_m)
+            if airspace.conflict([column], self._landscape, position_of(fix)) is not None:
                 continue
             if altitude_m == fix.altitude_m:
-                vehicle.hold_at = None
                 return Hold(vehicle.name)
-            vehicle.hold_at = (command.lat_deg, command.lon_deg, round(altitude_m, 1))
-            return HoldAt(vehicle.name, *vehicle.hold_at)
+            return msgspec.structs.replace(command, altitude_amsl_m=round(altitude_m, 1))
+        return self._lower_place(vehicle, fix, command, airspace) or Hold(vehicle.name)
+
+    def _lower_place(
+        self, vehicle: Vehicle, fix: PositionFix, command: HoldAt, airspace: Airspace
+    ) -> HoldAt | None:
+        """Return the nearest free place for a lower hold, on a straight way out of the margins.
+
+        The altitude is as high above the highest ground around as that of the command.
+        """
+        if self._landscape.elevation_m is None:
+            return None
+        radius_m = vehicle.section.loiter_radius_m
+        x_m, y_m = map(float, self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg))
+        reach_m = 2.0 * LOITER_RADIUS_FACTOR * radius_m
+        ground_m = highest_ground_m(self._landscape, (x_m, y_m), (x_m, y_m), reach_m)
+        blocked = blocked_area(
+            airspace.blocked(command.altitude_amsl_m, fix.altitude_m), airspace.margins.horizontal_m
+        )
+        beyond_m = LOITER_RADIUS_FACTOR * radius_m + BEYOND_M
+        for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
+            if not self._landscape.contains(*place):
+                continue
+            way_ground_m = highest_ground_m(self._landscape, (fix.x_m, fix.y_m), place, reach_m)
+            up_m = max(way_ground_m - ground_m, 0.0)
+            altitude_m = round(command.altitude_amsl_m + up_m, 1)
+            target = MissionPlace((*place, altitude_m), radius_m, 0)
+            if altitude_m > fix.altitude_m or self._enters_another((target,), fix, airspace):
+                continue
+            lat_deg, lon_deg = self._landscape.lat_lon_of(*place)
+            there = (round(float(lat_deg), 7), round(float(lon_deg), 7), altitude_m)
+            return HoldAt(vehicle.name, *there)
         return None
 
     def _upload(
@@ -178,6 +206,7 @@ class Evasions:
         assert vehicle.pending is not None
         vehicle.pending.evades = True
         vehicle.holding, vehicle.hold_again_at_s = True, None  # no hold interrupts the evasion
+        vehicle.hold_at = None
         state.evasion_id = upload.mission_id
         state.sent[upload.mission_id] = places
         return upload

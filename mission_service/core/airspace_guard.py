@@ -9,6 +9,7 @@ A vehicle inside leaves by the shortest way and holds outside.
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Literal
 
 import shapely
@@ -20,7 +21,6 @@ from mission_service.airspace.clearance import Airspace
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
     MissionPlace,
-    disc,
     straight,
 )
 from mission_service.airspace.volumes import Volume, require_homes_inside
@@ -198,25 +198,40 @@ class AirspaceGuard:
         fix = vehicle.availability.fix
         if fix is None:
             return [command]
+        place = self._space.of_hold_at(vehicle, command)
         x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
-        section = vehicle.section
-        radius_m = section.loiter_radius_m if section.kind == "plane" else 0.0
-        if isinstance(command, Orbit):
-            radius_m = abs(command.radius_m)
         target = (float(x_m), float(y_m), command.altitude_amsl_m)
-        reach_m = LOITER_RADIUS_FACTOR * radius_m + 1.0
-        place = disc(target[0], target[1], reach_m, target[2], target[2])
         parts = [straight(position_of(fix), target), place]
+        if isinstance(command, HoldAt):  # a descent from above the altitude limit is free
+            airspace = replace(airspace, max_altitude_agl_m=None)
         conflict = airspace.conflict(parts, self._landscape, position_of(fix))
         if conflict is not None and isinstance(command, Orbit):
             return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
         if conflict is not None and isinstance(command, HoldAt):
-            higher = self._evasions.higher_hold(vehicle, fix, command, airspace, reach_m)
-            if higher is not None:
-                return [higher]
+            return self._freed_hold(vehicle, fix, command, airspace, conflict)
         self._states[vehicle.name].orbit = place
-        # A climb away from the flames, or a descent away from another aircraft, is more urgent.
-        return [command]
+        return [command]  # a climb away from the flames is more urgent
+
+    def _freed_hold(
+        self,
+        vehicle: Vehicle,
+        fix: PositionFix,
+        command: HoldAt,
+        airspace: Airspace,
+        conflict: str,
+    ) -> list[AnyCommand]:
+        """Return a hold outside closed airspace in place of a descent that would enter it."""
+        free = self._evasions.free_hold(vehicle, fix, command, airspace)
+        vehicle.hold_at = None
+        if isinstance(free, HoldAt):
+            vehicle.hold_at = (free.lat_deg, free.lon_deg, free.altitude_amsl_m)
+            self._states[vehicle.name].orbit = self._space.of_hold_at(vehicle, free)
+            return [free]
+        stays = self._space.of_hold(vehicle, position_of(fix))
+        if airspace.conflict([stays], self._landscape) is None:
+            return [free]
+        words = f"holds where it is: no lower hold is free of {conflict}"
+        return [*self._raised(vehicle, words, "severe"), free]
 
     def _checked_return(self, command: Return, airspace: Airspace, at_s: float) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
@@ -349,7 +364,7 @@ class AirspaceGuard:
             return self._raised(vehicle, f"{words}; {why}")
         if at_s < state.acts_again_at_s or _waits_for_upload(vehicle, inside is not None):
             return []
-        if inside is not None and self._flies_out(vehicle):
+        if inside is not None and self._ends_outside(vehicle, airspace):
             return []
         if inside is None and not self._is_urgent(vehicle, fix, airspace):
             if vehicle.due != CHANGED:
@@ -399,6 +414,12 @@ class AirspaceGuard:
             shapely.dwithin(volume.area_m, here, near_m)
             for volume in airspace.blocked(low_m, high_m)
         )
+
+    def _ends_outside(self, vehicle: Vehicle, airspace: Airspace) -> bool:
+        """Return whether the vehicle flies out, and no volume has closed over its end."""
+        route = self._states[vehicle.name].on_board
+        ends = bool(route) and airspace.volume_at(route[-1].position) is None
+        return ends and self._flies_out(vehicle)
 
     def _flies_out(self, vehicle: Vehicle) -> bool:
         """Return whether the vehicle flies the mission by which it leaves a volume."""

@@ -32,6 +32,7 @@ from mission_service.core.clearing_predictions import ClearingPredictions
 from mission_service.core.continuation import Continuation
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.core.energy_watch import EnergyWatch
+from mission_service.core.hold_height import raised_hold
 from mission_service.core.landings import Landings
 from mission_service.core.lost_link import reaction_compared
 from mission_service.core.mission_starts import WAITS, MissionStarts
@@ -159,7 +160,8 @@ class Core:
         if self._other_aircraft is not None:
             self._other_aircraft.on_event(event)
         accepted = isinstance(event, events.MissionAccepted)
-        commands = self.airspace.checked(self._handle(event), at_s, accepted)
+        commands = [self._raised(command) for command in self._handle(event)]
+        commands = self.airspace.checked(commands, at_s, accepted)
         if self._approvals is not None and not accepted:
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
@@ -173,6 +175,12 @@ class Core:
             if self._other_aircraft is not None:
                 self._other_aircraft.on_command(command)
         return commands
+
+    def _raised(self, command: AnyCommand) -> AnyCommand:
+        """Return a command, or a higher hold if the ground around the hold is too high."""
+        if not isinstance(command, Hold):
+            return command
+        return raised_hold(command, self.vehicles[command.vehicle], self.landscape)
 
     def _withheld(self, command: AnyCommand) -> bool:
         """Return whether a command must not be sent; this check is independent of the callers.

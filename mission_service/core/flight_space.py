@@ -11,16 +11,19 @@ from mission_service.airspace.occupied_space import (
     Part,
     Position,
     disc,
+    held_turn,
     mission_parts,
     mission_places,
     path_parts,
     turns_towards,
 )
+from mission_service.commands import ClimbAndHold, HoldAt, Orbit
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState
 from mission_service.vehicles.availability import GOING_HOME, MISSION
 from mission_service.vehicles.vehicle_state import Vehicle
 
+HOLDS_FOR_UPLOAD_S = 3.0  # until a vehicle that holds for an upload flies on
 STARTS_WITHIN_S = 2.0  # until a vehicle flies a mission that is sent now
 RETURN_ABOVE_M = 150.0  # returns are checked up to this height above home
 COPTER_REACH_M = 20.0
@@ -65,7 +68,18 @@ class FlightSpace:
             return self.of_return(vehicle, fix)
         if mode in ("guided", "orbit") and state.orbit is not None:
             return [state.orbit]
+        if state.orbit is not None and vehicle.hold_at is not None and vehicle.ordered:
+            return [state.orbit]  # a PX4 holds at another place in the same mode
         return [self.of_hold(vehicle, state.began_at or position_of(fix))]
+
+    def of_hold_at(self, vehicle: Vehicle, command: Orbit | ClimbAndHold | HoldAt) -> Part:
+        """Return the space of a hold or an orbit at a place."""
+        x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
+        radius_m = vehicle.section.loiter_radius_m if vehicle.section.kind == "plane" else 0.0
+        if isinstance(command, Orbit):
+            radius_m = abs(command.radius_m)
+        altitude_m, reach_m = command.altitude_amsl_m, LOITER_RADIUS_FACTOR * radius_m + 1.0
+        return disc(float(x_m), float(y_m), reach_m, altitude_m, altitude_m)
 
     def of_hold(self, vehicle: Vehicle, position: Position) -> Part:
         """Return the space of a hold that begins at a position."""
@@ -88,22 +102,26 @@ class FlightSpace:
     ) -> list[list[Position]]:
         """Return the positions of the possible turns towards a target, each from the vehicle.
 
-        The vehicle first flies on until the mission is on board. In a turn to the rear the side is
-        not known. Wind widens a turn.
+        The vehicle first flies on until the mission is on board. One that holds for the upload, as
+        ArduPilot does, may turn to the right meanwhile. In a turn to the rear the side is not
+        known. Wind widens a turn.
         """
         section = vehicle.section
         if section.kind != "plane":
             return [[position_of(fix)]]
-        ahead_m = (fix.east_m_s * STARTS_WITHIN_S, fix.north_m_s * STARTS_WITHIN_S)
-        start = (fix.x_m + ahead_m[0], fix.y_m + ahead_m[1])
+        here, height_m = (fix.x_m, fix.y_m), fix.altitude_m
+        velocity_m_s = (fix.east_m_s, fix.north_m_s)
         wind = vehicle.availability.measured_wind
         radius_factor = 1.0 + (0.0 if wind is None else wind.speed_m_s / section.airspeed_m_s)
-        turns = turns_towards(
-            start, (fix.east_m_s, fix.north_m_s), target_m, section.turn_radius_m * radius_factor**2
-        )
-        height_m = fix.altitude_m
+        radius_m = section.turn_radius_m * radius_factor**2
+        ahead_m = (velocity_m_s[0] * STARTS_WITHIN_S, velocity_m_s[1] * STARTS_WITHIN_S)
+        begun = [([here, (here[0] + ahead_m[0], here[1] + ahead_m[1])], velocity_m_s)]
+        if not vehicle.atomic_upload and vehicle.availability.mode == MISSION:
+            begun.append(held_turn(here, velocity_m_s, section.turn_radius_m, HOLDS_FOR_UPLOAD_S))
         return [
-            [position_of(fix), *((x_m, y_m, height_m) for x_m, y_m in points)] for points in turns
+            [(x_m, y_m, height_m) for x_m, y_m in (*way, *turn[1:])]
+            for way, then_m_s in begun
+            for turn in turns_towards(way[-1], then_m_s, target_m, radius_m)
         ]
 
     def _home_altitude_m(self, vehicle: Vehicle) -> float:

@@ -11,7 +11,14 @@ from click.testing import CliRunner
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, Margins
-from mission_service.airspace.occupied_space import Part, disc, straight, turns_towards
+from mission_service.airspace.occupied_space import (
+    MissionPlace,
+    Part,
+    disc,
+    held_turn,
+    straight,
+    turns_towards,
+)
 from mission_service.airspace.routes import Detours, exits_from
 from mission_service.airspace.volume_files import volumes_in
 from mission_service.airspace.volumes import OUTSIDE, Volume, volumes_of
@@ -26,6 +33,8 @@ from mission_service.commands import (
 )
 from mission_service.config.airspace_section import AirspaceSection
 from mission_service.config.scenario import load_scenario
+from mission_service.core.core import Core
+from mission_service.core.flight_space import FlightSpace
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     AirspaceClosed,
@@ -33,8 +42,10 @@ from mission_service.events import (
     AnyEvent,
     LinkLost,
     MissionAccepted,
+    ModeChanged,
     OrderGiven,
     Telemetry,
+    VehicleConnected,
 )
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.missions.mission_hash import mission_hash
@@ -351,6 +362,32 @@ def inside_s(
 def here(flight: object) -> tuple[float, float]:
     fix = flight.state_view.telemetry["hawk"]  # type: ignore[attr-defined]
     return fix.lat_deg, fix.lon_deg
+
+
+def test_a_hold_for_an_upload_turns_to_the_right() -> None:
+    points, velocity_m_s = held_turn((0.0, 0.0), (0.0, 20.0), 60.0, 3.0)
+    assert points[0] == (0.0, 0.0)
+    assert points[-1] == pytest.approx((60.0 * (1.0 - math.cos(1.0)), 60.0 * math.sin(1.0)))
+    assert velocity_m_s == pytest.approx((20.0 * math.sin(1.0), 20.0 * math.cos(1.0)))
+    assert held_turn((5.0, 5.0), (0.5, 0.0), 60.0, 3.0) == ([(5.0, 5.0)], (0.5, 0.0))
+
+
+@pytest.mark.parametrize(("atomic", "is_free"), [(True, True), (False, False)])
+def test_a_mission_is_checked_with_the_hold_for_its_upload(atomic: bool, is_free: bool) -> None:
+    """A plane flies north beside a volume in the east; its mission leads to the north-west."""
+    core = Core(load_scenario("demo"), landscape_of(load_scenario("demo")))
+    vehicle, place = core.vehicles["hawk"], (36.3708, -84.1323)
+    core.handle(VehicleConnected(0, "hawk", "plane", atomic))
+    core.handle(Telemetry(1, "hawk", *place, 500.0, 0.0, 0.0, 0.0, 0.0))
+    core.handle(ModeChanged(2, "hawk", 0, True, "mission"))
+    for at_us in (1_000_000, 2_000_000):
+        core.handle(Telemetry(at_us, "hawk", *place, 500.0, 150.0, 15.0, 0.0, 0.0))
+    x_m, y_m = core.landscape.xy_of_lat_lon(*place)
+    target = MissionPlace((x_m - 300.0, y_m + 600.0, 500.0), 0.0, 0)
+    parts = FlightSpace(core.landscape).of_mission(vehicle, (target,))
+    east = shapely.box(x_m + 10.0, y_m - 500.0, x_m + 500.0, y_m + 500.0)
+    enters = any(part.shape.intersects(east) for part in parts)
+    assert enters != is_free
 
 
 def test_a_vehicle_inside_a_volume_that_closes_leaves_it_and_holds_outside(fly: Fly) -> None:

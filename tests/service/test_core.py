@@ -87,7 +87,7 @@ class Flight:
         """Lose and restore the link, so that a new mission is due."""
         self.handle(LinkLost(self.at_us, "hawk", 3.0))
         self.handle(LinkRestored(self.at_us, "hawk"))
-        return self.at_height(50.0, later_s=10.0)
+        return self.at_height(80.0, later_s=10.0)
 
     def finished(self, mission_id: int, outcome: str) -> list[AnyCommand]:
         return self.handle(UploadFinished(self.at_us, "hawk", mission_id, outcome, "because"))
@@ -171,7 +171,7 @@ def airborne(land: Landscape, atomic: bool) -> tuple[Flight, UploadMission]:
     flight = Flight(load_scenario("default"), land, atomic)
     (first,) = uploads(flight.at_height(0.0))
     flight.finished(first.mission_id, "accepted")
-    flight.at_height(50.0)
+    flight.at_height(80.0)
     (second,) = uploads(flight.restored())
     return flight, second
 
@@ -182,7 +182,7 @@ def test_a_broken_upload_in_flight_holds_a_vehicle_whose_mission_may_be_a_mixtur
 ) -> None:
     flight, mission = airborne(land, atomic=False)
     assert kinds(flight.finished(mission.mission_id, outcome)) == [Announce, Hold]
-    (again,) = uploads(flight.at_height(50.0, later_s=6.0))
+    (again,) = uploads(flight.at_height(80.0, later_s=6.0))
     assert kinds(flight.finished(again.mission_id, "accepted")) == [StartMission]
 
 
@@ -197,7 +197,7 @@ def test_a_good_mission_after_an_unfit_one_in_flight_is_started_again(land: Land
     """PX4 loiters after a mission that it will not fly, and does not resume by itself."""
     flight, mission = airborne(land, atomic=True)
     assert kinds(flight.finished(mission.mission_id, "failed")) == [Announce]
-    (again,) = uploads(flight.at_height(50.0, later_s=6.0))
+    (again,) = uploads(flight.at_height(80.0, later_s=6.0))
     assert kinds(flight.finished(again.mission_id, "accepted")) == [StartMission]
     (later,) = uploads(flight.restored())
     assert kinds(flight.finished(later.mission_id, "accepted")) == []
@@ -210,7 +210,7 @@ def test_nothing_is_sent_while_the_link_is_lost(land: Landscape) -> None:
     (announcement,) = flight.handle(LinkLost(flight.at_us, "hawk", 3.2))
     assert isinstance(announcement, Announce)
     assert "3.2 s" in announcement.text
-    assert flight.at_height(50.0, later_s=60.0) == []
+    assert flight.at_height(80.0, later_s=60.0) == []
 
 
 def test_a_vehicle_below_its_home_is_not_taken_for_landed(land: Landscape) -> None:
@@ -338,7 +338,7 @@ def test_a_starting_estimator_is_announced_once(land: Landscape) -> None:
     assert reported("not initialised") == [Announce, RaiseAlarm]
     assert reported("attitude not valid", "position lost") == [RaiseAlarm]
     assert reported() == [ClearAlarm]
-    flight.at_height(50.0)
+    flight.at_height(80.0)
     assert reported("satellite position glitch") == [Announce, RaiseAlarm]
     assert reported("position lost") == [Announce, RaiseAlarm]
 
@@ -364,9 +364,9 @@ def test_a_vehicle_on_the_ground_in_its_mission_has_no_wrong_airspeed(land: Land
     flight, _ = airborne(land, atomic=True)
     flight.handle(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
     flight.handle(AirspeedMeasured(flight.at_us, "hawk", 1.0))
-    assert RaiseAlarm not in kinds(flight.at_height(50.0, later_s=91.0))  # takes off
+    assert RaiseAlarm not in kinds(flight.at_height(80.0, later_s=91.0))  # takes off
     flight.handle(MissionProgress(flight.at_us, "hawk", 1))
-    assert RaiseAlarm not in kinds(flight.at_height(50.0))
+    assert RaiseAlarm not in kinds(flight.at_height(80.0))
     assert RaiseAlarm in kinds(flight.at_height(5.0, later_s=91.0))
     flight.handle(LandedStateChanged(flight.at_us, "hawk", "on ground"))
     assert ClearAlarm("hawk", "airspeed") in flight.at_height(0.0)

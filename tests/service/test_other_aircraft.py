@@ -28,6 +28,7 @@ from mission_service.events import (
     SERVICE,
     AircraftReported,
     AircraftState,
+    AirspaceClosed,
     AnyEvent,
     CommandFinished,
     LandedStateChanged,
@@ -38,6 +39,7 @@ from mission_service.events import (
     VehicleConnected,
 )
 from mission_service.fire.scenario_fire import landscape_of
+from mission_service.ground_distance import distance_m
 from mission_service.journal.snapshot import Frozen, Known, restore
 from tests.service.intruders import fly_past, meeting
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
@@ -192,6 +194,49 @@ def test_a_descent_is_to_the_height_above_the_highest_ground_around(land: Landsc
     assert altitude_m < aloft.ground_m + 150.0
 
 
+def close_around(aloft: Aloft, west_deg: float, east_deg: float) -> None:
+    """Close a volume without limits of height between two longitudes, relative to the vehicle."""
+    south_deg, north_deg = PLACE[0] - 0.2, PLACE[0] + 0.2
+    west_deg, east_deg = PLACE[1] + west_deg, PLACE[1] + east_deg
+    corners = (
+        (south_deg, west_deg),
+        (north_deg, west_deg),
+        (north_deg, east_deg),
+        (south_deg, east_deg),
+    )
+    aloft.handle(AirspaceClosed(aloft.at_us, *ANN, "range", corners, None, None, None))
+
+
+def test_a_descent_beside_closed_airspace_is_to_the_nearest_free_place(land: Landscape) -> None:
+    aloft = Aloft(land, "descend")
+    east_m = 150.0  # more than the margin, less than the margin and the loiter
+    edge_deg = east_m / distance_m(PLACE, (PLACE[0], PLACE[1] + 1.0))
+    close_around(aloft, edge_deg, edge_deg + 0.02)
+    (order,) = orders(aloft.report(aloft.aircraft(2000.0)))
+    assert order.hold_at is not None
+    assert order.hold_at[:2] == PLACE
+    (hold,) = kinds(aloft.order(order), HoldAt)
+    assert isinstance(hold, HoldAt)
+    edge = (hold.lat_deg, PLACE[1] + edge_deg)
+    section = aloft.scenario.vehicles[0]
+    free_m = aloft.scenario.airspace.margin_m + section.loiter_radius_m
+    assert distance_m((hold.lat_deg, hold.lon_deg), edge) >= free_m
+    assert distance_m((hold.lat_deg, hold.lon_deg), PLACE) < 2.0 * section.loiter_radius_m
+    assert hold.altitude_amsl_m < aloft.ground_m + aloft.height_m - 10.0
+    assert aloft.core.vehicles["hawk"].hold_at == (hold.lat_deg, hold.lon_deg, hold.altitude_amsl_m)
+
+
+def test_without_a_free_place_a_vehicle_holds_instead_of_a_descent(land: Landscape) -> None:
+    aloft = Aloft(land, "descend")
+    (order,) = orders(aloft.report(aloft.aircraft(2000.0)))
+    close_around(aloft, -0.2, 0.2)
+    commands = aloft.order(order)
+    assert kinds(commands, Hold, HoldAt) == [Hold("hawk")]
+    (alarm,) = kinds(commands, RaiseAlarm)
+    assert isinstance(alarm, RaiseAlarm)
+    assert "no lower hold is free" in alarm.text
+
+
 def test_a_descent_never_climbs_and_stays_above_a_vehicle_below(land: Landscape) -> None:
     low = Aloft(land, "descend", height_m=45.0)
     near = low.aircraft(2500.0)
@@ -266,6 +311,7 @@ def test_a_lower_hold_is_sent_again_until_the_autopilot_accepts_it(land: Landsca
     near = aloft.aircraft(2500.0)
     (order,) = orders([*aloft.report(near), *aloft.report(near)])
     (sent,) = kinds(aloft.order(order), HoldAt)
+    aloft.at_s += 0.25  # a refusal at the same time would be that of a hold that this one replaced
     aloft.handle(CommandFinished(aloft.at_us, "hawk", "hold at", False, "temporarily rejected"))
     aloft.sent.clear()
     for _ in range(6):

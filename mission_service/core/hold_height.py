@@ -1,0 +1,40 @@
+"""Raises the hold of a plane whose circle would come too near to rising ground. Pure."""
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR
+from mission_service.commands import Hold, HoldAt
+from mission_service.missions.orbits import highest_ground_m
+from mission_service.vehicles.vehicle_state import Vehicle
+
+# Above the highest ground within the reach of a hold:
+MIN_HOLD_AGL_M = 20.0  # a hold that is lower is raised
+RAISED_HOLD_AGL_M = 40.0  # to this height
+
+
+def raised_hold(command: Hold, vehicle: Vehicle, landscape: Landscape) -> Hold | HoldAt:
+    """Return a hold at the vehicle's position, higher if its circle is too low there.
+
+    A hold that begins at a position reaches up to two radii from it. Multirotors hold in place,
+    and ``backend = "mavsdk"`` cannot hold at another altitude. A hold that is repeated until the
+    autopilot accepts it keeps its place.
+    """
+    fix, section = vehicle.availability.fix, vehicle.section
+    flies = vehicle.availability.airborne and not vehicle.landing_state.active
+    if fix is None or not flies or section.kind != "plane" or section.backend == "mavsdk":
+        return command
+    place_m = (fix.x_m, fix.y_m)
+    if landscape.elevation_m is None or not landscape.contains(*place_m):
+        return command
+    reach_m = 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m
+    ground_m = highest_ground_m(landscape, place_m, place_m, reach_m)
+    if fix.altitude_m >= ground_m + MIN_HOLD_AGL_M:
+        return command
+    lat_deg, lon_deg = landscape.lat_lon_of(*place_m)
+    place = (
+        round(float(lat_deg), 7),
+        round(float(lon_deg), 7),
+        round(ground_m + RAISED_HOLD_AGL_M, 1),
+    )
+    if vehicle.ordered == "hold":
+        vehicle.hold_at = place
+    return HoldAt(vehicle.name, *place)
