@@ -416,12 +416,7 @@ class Open(Request, frozen=True):
 
 
 class Clear(Request, frozen=True):
-    """Clear the airspace: all vehicles land, or leave a volume, which is then closed.
-
-    Without ``volume`` all vehicles land at home. With ``volume`` and ``corners`` the volume is
-    closed; with ``volume`` alone it is a volume that is closed already. No vehicle takes off until
-    the airspace is clear, or the request is cancelled.
-    """
+    """Clear the airspace: all vehicles land, or leave a volume; none takes off meanwhile."""
 
     makes = events.ClearingOrdered
     role = "fly"
@@ -436,7 +431,12 @@ class Clear(Request, frozen=True):
 
     volume: Annotated[
         str,
-        Meta(max_length=80, pattern=PRINTED, description="Name of the volume; empty: land."),
+        Meta(
+            max_length=80,
+            pattern=PRINTED,
+            description="Name of the volume that vehicles leave: closed by corners; without "
+            "corners it is closed already. Empty: all vehicles land at home.",
+        ),
     ] = ""
     corners: Annotated[
         tuple[tuple[Latitude, Longitude], ...],
@@ -531,10 +531,7 @@ class Start(OrderRequest, frozen=True):
 
 
 class Takeoff(Request, frozen=True):
-    """Sign off the pre-flight checks of a vehicle on the ground, and start its flight.
-
-    The request is refused while a check fails; the reply names the first failing checks.
-    """
+    """Sign off the pre-flight checks of a vehicle on the ground, and start its flight."""
 
     role = "fly"
     path = "/vehicles/{name}/{do}"

@@ -98,9 +98,10 @@ def test_an_order_that_is_rejected_does_not_end_the_flight_home(fly: Fly) -> Non
 
 
 def test_at_the_end_of_its_energy_it_waits_outside_until_the_way_is_free(fly: Fly) -> None:
-    flight = fly("vehicles.0.endurance_s=300", "vehicles.0.endurance_reserve_s=60")
+    flight = fly("vehicles.0.endurance_s=420", "vehicles.0.endurance_reserve_s=60")
     flight.run(120)
     vehicle = flight.sim.service.core.vehicles["hawk"]
+    assert vehicle.availability.airborne
     while not vehicle.sent_home:
         flight.run(1.0)
     flight.run(10.0)
