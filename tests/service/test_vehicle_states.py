@@ -20,7 +20,7 @@ FRONTS = tuple(SETTINGS)[:-1]
 
 @pytest.mark.parametrize(
     ("flown", "examples"),
-    [(FRONTS, 80), (("formation",), 8), (tuple(BURNS), 5)],
+    [(FRONTS, 80), (("formation",), 8), (tuple(BURNS), 10)],
     ids=["front", "formation", "burn"],
 )
 def test_no_vehicle_is_started_or_taken_over_without_a_person(
