@@ -27,8 +27,8 @@ from mission_service.core.autopilot_reports import (
     taken_over,
     texts_over,
 )
-from mission_service.core.clearing import AirspaceClearing
-from mission_service.core.clearing_predictions import ClearingPredictions
+from mission_service.core.clearing_airspace.airspace_clearing import AirspaceClearing
+from mission_service.core.clearing_airspace.clearing_predictions import ClearingPredictions
 from mission_service.core.continuation import Continuation
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.core.energy_watch import EnergyWatch
@@ -242,7 +242,7 @@ class Core:
 
     def _requested(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         if self._reliefs is not None:
-            self._reliefs.on_operator(event)
+            self._reliefs.record_request(event)
         if isinstance(event, events.Resumed):  # the restart leaves links and commands unconfirmed
             self.decision_engine.apply_restart(event)
             for vehicle in self.vehicles.values():

@@ -75,7 +75,7 @@ class Reliefs:
 
     # Events -----------------------------------------------------------------------------------
 
-    def on_operator(self, event: events.AnyOperatorEvent) -> None:
+    def record_request(self, event: events.AnyOperatorEvent) -> None:
         """Record orders that keep vehicles on the ground, and a restart of the service."""
         if isinstance(event, events.Aborted):
             self._ordered_down |= set(self._vehicles)

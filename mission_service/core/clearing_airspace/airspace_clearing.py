@@ -26,7 +26,7 @@ from mission_service.commands import (
     ShowClearing,
 )
 from mission_service.core.airspace_guard import AirspaceGuard
-from mission_service.core.clearing_phases import (
+from mission_service.core.clearing_airspace.clearing_phases import (
     SILENT,
     landing_phase,
     lands_by_itself,
@@ -36,7 +36,7 @@ from mission_service.core.clearing_phases import (
     unreachable,
     waits_for_order,
 )
-from mission_service.core.clearing_predictions import ClearingPredictions
+from mission_service.core.clearing_airspace.clearing_predictions import ClearingPredictions
 from mission_service.core.landings import Landings
 from mission_service.vehicles.clearing_state import ClearingProgress, ClearingState
 from mission_service.vehicles.vehicle_state import Vehicle, announce

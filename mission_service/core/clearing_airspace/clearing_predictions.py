@@ -6,7 +6,7 @@ import shapely
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.volumes import Volume
-from mission_service.core.clearing_times import (
+from mission_service.core.clearing_airspace.clearing_times import (
     copter_landing_s,
     exit_s,
     out_by_s,
