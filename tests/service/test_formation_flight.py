@@ -15,6 +15,7 @@ from mission_service.commands import (
     ChangeSpeed,
     Orbit,
     RaiseAlarm,
+    ReportChecks,
     Return,
     StartMission,
     UploadMission,
@@ -501,7 +502,7 @@ def test_a_restart_in_the_air_leaves_it_alone_until_it_is_in_its_mission(land: L
     flight.orbiting()
     flight.handle(VehicleRebooted(flight.at_us, flight.name))
     found = [command for _, command in flight.for_s(5.0)]
-    assert {type(command) for command in found} <= {Announce, RaiseAlarm}
+    assert {type(command) for command in found} <= {Announce, RaiseAlarm, ReportChecks}
     flight.mode("mission")
     found = [command for _, command in flight.for_s(5.0)]
     assert of(found, UploadMission)[0].items[0].command == LOITER_UNLIM

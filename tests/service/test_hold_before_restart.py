@@ -87,7 +87,7 @@ class Ended:
         found += self._mode(mode, armed)
         found += self._handle(SystemStateChanged(at_us, "hawk", system))
         found += self._handle(LandedStateChanged(at_us, "hawk", landed))
-        height_m = 50.0 if landed == "in air" else 0.0
+        height_m = 80.0 if landed == "in air" else 0.0
         found += self.flight.at_height(height_m, later_s=0.1)
         found += self._handle(MissionReadBack(self.flight.at_us, "hawk", self.mission_id, 5))
         return found + self.flight.at_height(height_m, later_s=0.5)
@@ -204,7 +204,7 @@ def test_a_hold_accepted_long_before_the_end_and_never_reported_was_not_ordered(
     land: Landscape,
 ) -> None:
     ended = Ended(land)
-    ended.flight.at_height(50.0, later_s=30.0)
+    ended.flight.at_height(80.0, later_s=30.0)
     ended.restart(600.0)
     assert alarms(ended.reports("hold")) == ["mode"]
 
