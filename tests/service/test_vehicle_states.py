@@ -95,7 +95,7 @@ class StartsAfterARestart(Core):
         pytest.param(
             *(HoldsAgainInAFailsafe, "Hold to one that was taken"), marks=pytest.mark.long
         ),
-        (SeesNoFailsafe, "to one that was taken"),
+        (SeesNoFailsafe, "to one that was taken|no question: order start"),
         pytest.param(StartsAfterARestart, "started after", marks=pytest.mark.long),
     ],
 )
