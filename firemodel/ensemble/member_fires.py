@@ -18,9 +18,10 @@ from firemodel.ensemble.draws import Draw
 from firemodel.errors import FireModelError
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import Weather
-from firemodel.spread.behaviour import flame_length_m, front_behaviour, heat_of
+from firemodel.spread.behaviour import flame_length_m, front_behaviour
 from firemodel.spread.fire_scheme import Fire, Ignition
 from firemodel.spread.local_spread import (
+    HEAT,
     Tables,
     burnable_codes,
     perturbed,
@@ -122,9 +123,9 @@ class Start:
             land = self.fire.landscape
             entries = [_with_dead_moisture(entry, factor) for entry in self.entries]
             dry = self._tables.terms[..., 0]
-            wet = tables_of(land, entries, self.fire.rate_options).terms[..., 0]
-            ratio = np.divide(wet, dry, out=np.ones_like(dry), where=dry > 0.0)
-            self._by_moisture[factor] = ratio, heat_of(land, entries)
+            wet = tables_of(land, entries, self.fire.rate_options).terms
+            ratio = np.divide(wet[..., 0], dry, out=np.ones_like(dry), where=dry > 0.0)
+            self._by_moisture[factor] = ratio, np.ascontiguousarray(wet[..., HEAT])
         return self._by_moisture[factor]
 
     def _moved(self, draw: Draw) -> Iterator[Ignition]:

@@ -1,7 +1,6 @@
 """Compute spread rate, direction, intensity and flame length when fire arrives in each cell."""
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,13 +8,11 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
 from firemodel.compiled import compiled
-from firemodel.landscape.landscape import Landscape
 from firemodel.physics import rothermel
-from firemodel.physics.crown_fire import crown_flame_length_m
-from firemodel.physics.weather import Weather
+from firemodel.physics.crown_fire import NO_CROWNS, crown_flame_length_m
 from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.local_spread import (
-    beds_of,
+    HEAT,
     crowned_head,
     slowness_of,
     tables_of,
@@ -54,7 +51,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
     land, entries = fire.landscape, fire.weather.changes()
     options = fire.rate_options
     terrain, tables = terrain_of(land, options), tables_of(land, entries, options)
-    heat = heat_of(land, entries)
+    heat = np.ascontiguousarray(tables.terms[..., HEAT])
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = fire.burned_arrival_s().ravel()
     paths = fire.arrival_vectors().reshape(2, -1)
@@ -72,15 +69,6 @@ def flame_length_m(intensity_kw_m: Floats, crown_fraction: Floats) -> Floats:
     if not (crown_fraction > 0.0).any():
         return surface
     return np.where(crown_fraction > 0.0, crown_flame_length_m(intensity_kw_m), surface)
-
-
-def heat_of(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
-    """Return Byram's intensity (kW/m) at a spread rate of 1 m/s for each weather entry and fuel."""
-    heat = [
-        [rothermel.fireline_intensity_kw_m(bed, 1.0) for bed in beds]
-        for beds in beds_of(landscape, entries)
-    ]
-    return np.array(heat, dtype=np.float64).reshape(len(entries), -1)
 
 
 @compiled
@@ -113,8 +101,11 @@ def front_behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: 
             rate = math.sqrt(1.0 + up * up) / slowness
         found[0, cell] = rate
         found[1, cell] = math.degrees(math.atan2(east, north)) % 360.0
-        _, _, _, _, crown = crowned_head(cell, entry, terrain, tables)
-        canopy_heat = crown * terrain.canopy.heat_kj_m2[cell] if crown > 0.0 else 0.0
+        crown = canopy_heat = 0.0
+        if tables.crown_method != NO_CROWNS:
+            _, _, _, _, crown = crowned_head(cell, entry, terrain, tables)
+        if crown > 0.0:
+            canopy_heat = crown * terrain.canopy.heat_kj_m2[cell]
         found[2, cell] = rate * (heat[entry, terrain.fuel[cell]] + canopy_heat)
         found[3, cell] = crown
     return found

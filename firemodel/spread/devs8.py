@@ -25,7 +25,6 @@ from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics import CrownMethod
-from firemodel.physics.rothermel import fireline_intensity_kw_m
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.devs8_kernels import (
     LIT,
@@ -42,7 +41,7 @@ from firemodel.spread.devs8_kernels import (
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition
 from firemodel.spread.front import neighbours_of
 from firemodel.spread.heap import push
-from firemodel.spread.local_spread import beds_of, perturbed, tables_of, terrain_of
+from firemodel.spread.local_spread import HEAT, perturbed, tables_of, terrain_of
 from firemodel.spread.rate_options import RateOptions
 
 # The papers give no value for this threshold of ignition; des-fire uses 0.
@@ -79,12 +78,13 @@ class Devs8Fire(Fire):
             )
         options = RateOptions(wind_limit, crown, foliar_moisture_pct)
         super().__init__(landscape, weather, ignitions, burning, options)
+        tables = tables_of(landscape, weather.entries, options)
         self._ground = Ground(
             landscape.shape[1],
             landscape.cell_size_m,
             terrain_of(landscape, options),
-            tables_of(landscape, weather.entries, options),
-            _slowest_m_s(landscape, weather.entries, ignition_intensity_kw_m),
+            tables,
+            _slowest_m_s(tables.terms[..., HEAT], ignition_intensity_kw_m),
         )
         self._arrival_s = np.full(landscape.fuel_model.size, np.inf)
         self.arrival_time_s = self._arrival_s.reshape(landscape.shape)
@@ -189,10 +189,11 @@ class Devs8Fire(Fire):
         return expected_s.reshape(self.landscape.shape)
 
 
-def _slowest_m_s(landscape: Landscape, entries: Sequence[Weather], intensity_kw_m: float) -> Floats:
-    """Return the spread rate (entries, fuels) in m/s at which each fuel has a given intensity."""
-    beds = beds_of(landscape, entries)
-    per_m_s = np.array([fireline_intensity_kw_m(bed, 1.0) for each in beds for bed in each])
-    found = np.full(per_m_s.shape, np.inf)
-    np.divide(intensity_kw_m, per_m_s, out=found, where=per_m_s > 0.0)
-    return found.reshape(len(entries), -1)
+def _slowest_m_s(heat: Floats, intensity_kw_m: float) -> Floats:
+    """Return the spread rate (entries, fuels) in m/s at which each fuel has a given intensity.
+
+    ``heat`` (entries, fuels) is the intensity in kW/m at a rate of 1 m/s.
+    """
+    found = np.full(heat.shape, np.inf)
+    np.divide(intensity_kw_m, heat, out=found, where=heat > 0.0)
+    return found
