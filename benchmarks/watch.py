@@ -32,7 +32,7 @@ from mission_service.fire.scenario_fire import fire_position, landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.sim import simulate
-from tests.service.relief_flights import Relief, relief_scenario, reliefs_in, signed_off_in
+from tests.service.relief_flights import Relief, relief_scenario, reliefs_in, unsigned_takeoffs_in
 
 SECTORS = 12  # of the front, seen from the place of the ignition
 MAX_RESUME_M = 50.0
@@ -158,7 +158,7 @@ def report(path: Path, scenario: Scenario, statistics: RunStatistics) -> bool:
     worst_m = max((each.distance_m for each in found.reliefs), default=math.nan)
     gaps_s = sorted(each.gap_s for each in found.reliefs) or [math.nan]
     turned = sum(len(set(each.directions)) > 1 for each in found.reliefs)
-    unsigned = signed_off_in(path)
+    unsigned = unsigned_takeoffs_in(path)
     longest_s = max(found.intervals_s, default=math.nan)
     separation_m = scenario.mission.separation_m
     closest_m = math.inf if statistics.closest is None else statistics.closest.distance_m

@@ -9,18 +9,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from firemodel.spread.fire_scheme import Fire
+from mission_service.mission_time import clock_text
 from mission_service.runtime.published_states import Announcement
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 
 STATUS_EVERY_US = 120_000_000
 SIM_STATUS_EVERY_US = 1_800_000_000
-
-
-def clock_text(at_us: int) -> str:
-    """Return a mission time as h:mm:ss."""
-    seconds = at_us // 1_000_000
-    return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
 
 def status_lines(statistics: RunStatistics, fire: Fire) -> list[str]:

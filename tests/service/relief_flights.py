@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -92,41 +93,36 @@ def reliefs_in(path: Path) -> list[Relief]:
     return found
 
 
-def takeoffs_in(path: Path) -> list[tuple[float, str]]:
-    """Return the times and vehicles of the starts that were ordered on the ground."""
-    found, armed, at_us = [], dict.fromkeys(NAMES, False), 0
+def _starts_in(path: Path) -> Iterator[tuple[float, str, bool]]:
+    """Yield time and vehicle of each start on the ground, and whether an operator ordered it.
+
+    An order counts until the vehicle is disarmed.
+    """
+    ordered, armed, at_us = dict.fromkeys(NAMES, False), dict.fromkeys(NAMES, False), 0
     for entry in SegmentReader(path):
         match entry.content:
-            case ModeChanged() as event:
-                armed[event.vehicle] = event.armed
-            case StartMission(vehicle=name) if not armed[name]:
-                found.append((at_us / 1e6, name))
-            case Telemetry() as event:
-                at_us = event.at_us
-            case _:
-                pass
-    return found
-
-
-def signed_off_in(path: Path) -> list[tuple[float, str]]:
-    """Return the takeoffs without an operator's order since the vehicle was disarmed last."""
-    unsigned, ordered, at_us = [], dict.fromkeys(NAMES, False), 0
-    armed = dict.fromkeys(NAMES, False)
-    for entry in SegmentReader(path):
-        match entry.content:
-            case OrderGiven(order="start" | "resume") as event:
+            case OrderGiven(order="start" | "resume" | "takeoff") as event:
                 ordered[event.vehicle] = True
             case ModeChanged() as event:
                 if armed[event.vehicle] and not event.armed:
                     ordered[event.vehicle] = False
                 armed[event.vehicle] = event.armed
-            case StartMission(vehicle=name) if not armed[name] and not ordered[name]:
-                unsigned.append((at_us / 1e6, name))
+            case StartMission(vehicle=name) if not armed[name]:
+                yield at_us / 1e6, name, ordered[name]
             case Telemetry() as event:
                 at_us = event.at_us
             case _:
                 pass
-    return unsigned
+
+
+def takeoffs_in(path: Path) -> list[tuple[float, str]]:
+    """Return the times and vehicles of the starts that were ordered on the ground."""
+    return [(at_s, name) for at_s, name, _ in _starts_in(path)]
+
+
+def unsigned_takeoffs_in(path: Path) -> list[tuple[float, str]]:
+    """Return the takeoffs without an operator's order since the vehicle was disarmed last."""
+    return [(at_s, name) for at_s, name, ordered in _starts_in(path) if not ordered]
 
 
 def returns_in(path: Path) -> list[str]:

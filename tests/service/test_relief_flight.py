@@ -13,11 +13,12 @@ from mission_service.journal.journal_file import SegmentReader
 from mission_service.relief.task_relief import TaskRole
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
+from tests.service.dead_autopilot import Dead
 from tests.service.relief_flights import (
     relief_scenario,
     reliefs_in,
-    signed_off_in,
     takeoffs_in,
+    unsigned_takeoffs_in,
 )
 from tests.service.test_read_back_missions import Flight as RestartableFlight
 
@@ -67,22 +68,6 @@ class Flight(RestartableFlight):
         assert verify(self.path).difference is None
         assert decide(self.path).difference is None
         return [entry.content for entry in SegmentReader(self.path)]
-
-
-class Dead:
-    """An autopilot that no longer exists."""
-
-    def next_timer(self) -> int:
-        return 2**62
-
-    def handle_timer(self, now_us: int) -> None:
-        return None
-
-    def receive_data(self, data: bytes, now_us: int) -> None:
-        return None
-
-    def data_to_send(self) -> list[bytes]:
-        return []
 
 
 def standing(count: int = 3) -> Scenario:
@@ -150,7 +135,7 @@ def test_no_vehicle_takes_off_without_its_sign_off(tmp_path: Path) -> None:
     assert "relief/kite" not in flight.simulation.service.state_view.alarms
     flight.over()
     assert [name for _, name in takeoffs_in(flight.path)] == ["kite", "hawk"]
-    assert signed_off_in(flight.path) == []
+    assert unsigned_takeoffs_in(flight.path) == []
     (found,) = reliefs_in(flight.path)
     assert found.distance_m <= MAX_RESUME_M
     assert place is not None
@@ -171,7 +156,7 @@ def test_a_vehicle_that_is_signed_off_takes_off_only_when_its_relief_is_due(tmp_
     assert 0.0 < found.time_on_task_s < 240.0
     flight.until("kite", TaskRole.ON_TASK)
     flight.over()
-    assert signed_off_in(flight.path) == []
+    assert unsigned_takeoffs_in(flight.path) == []
 
 
 @pytest.mark.long

@@ -19,26 +19,11 @@ from mission_service.runtime.run_outputs import summary_of
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation import sim
 from tests.announced import Announced
+from tests.service.dead_autopilot import Dead
 
 DIES_S = 4350.0
 ENDS_S = 4800.0
 SHORT = (f"duration_s={ENDS_S:.0f}", "planner.rule=team.bumper")
-
-
-class Dead:
-    """An autopilot that no longer exists."""
-
-    def next_timer(self) -> int:
-        return 2**62
-
-    def handle_timer(self, now_us: int) -> None:
-        return None
-
-    def receive_data(self, data: bytes, now_us: int) -> None:
-        return None
-
-    def data_to_send(self) -> list[bytes]:
-        return []
 
 
 class Mortal(sim.SimulatedVehicle):

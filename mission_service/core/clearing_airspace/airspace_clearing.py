@@ -38,6 +38,7 @@ from mission_service.core.clearing_airspace.clearing_phases import (
 )
 from mission_service.core.clearing_airspace.clearing_predictions import ClearingPredictions
 from mission_service.core.landings import Landings
+from mission_service.mission_time import clock_text
 from mission_service.vehicles.clearing_state import ClearingProgress, ClearingState
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
@@ -185,7 +186,7 @@ class AirspaceClearing:
         words += f", {missed} not reached" if missed else ""
         expected_s = [each.expected_at_s for each in vehicles if each.phase not in CLEARED]
         known_s = [each for each in expected_s if each is not None]
-        return f"{words}, last expected at {clock(max(known_s))}" if known_s else words
+        return f"{words}, last expected at {_clock(max(known_s))}" if known_s else words
 
     def _cancelled(self, event: events.ClearingCancelled) -> list[AnyCommand]:
         state, commands = self.state, []
@@ -373,7 +374,7 @@ class AirspaceClearing:
             return f"not cleared: {progress.why}; use the radio"
         if progress.out_by_s is not None and at_s > progress.out_by_s:
             where = "on the ground" if self.state.lands else f"out of {self.state.volume!r}"
-            return f"is late: it should be {where} since {clock(progress.out_by_s)}"
+            return f"is late: it should be {where} since {_clock(progress.out_by_s)}"
         return ""
 
     def _alarmed(
@@ -449,10 +450,9 @@ CHANGES = (
 )
 
 
-def clock(at_s: float) -> str:
-    """Return a mission time as hours, minutes and seconds: "1:02:05"."""
-    whole_s = round(at_s)
-    return f"{whole_s // 3600}:{whole_s // 60 % 60:02}:{whole_s % 60:02}"
+def _clock(at_s: float) -> str:
+    """Return a mission time to the nearest second as h:mm:ss."""
+    return clock_text(round(at_s) * 1_000_000)
 
 
 def _closing(event: events.ClearingOrdered) -> events.AirspaceClosed:

@@ -5,6 +5,7 @@ from typing import Any
 from mission_service.errors import RequestError
 from mission_service.ground_distance import M_PER_FT
 from mission_service.ignition_plan import IgnitionPlan
+from mission_service.mission_time import clock_text
 
 
 def in_feet(metres: float) -> int:
@@ -21,8 +22,8 @@ def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
     return [
         f"plan      {name}",
         f"line      {plan.line}, {plan.vehicle}: {len(plan.drops)} drops{skipped}",
-        f"time      {plan.duration_s:.0f} s from mission time {_clock(plan.begin_us)}; "
-        f"to be approved by {_clock(plan.valid_until_us)}",
+        f"time      {plan.duration_s:.0f} s from mission time {clock_text(plan.begin_us)}; "
+        f"to be approved by {clock_text(plan.valid_until_us)}",
         f"drops at  {drop_m:.0f} m ({in_feet(drop_m)} ft) above the ground, "
         f"{plan.speed_m_s:g} m/s ({plan.speed_m_s * 2.23694:.0f} mph)",
         f"altitude  {low_m:.0f} to {high_m:.0f} m ({in_feet(low_m)} to {in_feet(high_m)} ft) MSL; "
@@ -43,7 +44,7 @@ def describe_status(status: dict[str, Any]) -> list[str]:
     if "plans" not in status:
         raise RequestError("this run is not a burn")
     phase, at_us = status["guidance"]["phase"], round(status["at_s"] * 1e6)
-    lines = [f"{status['scenario']}  mission time {_clock(at_us)}, {phase}"]
+    lines = [f"{status['scenario']}  mission time {clock_text(at_us)}, {phase}"]
     open_items = status["open_items"]
     state = f"{len(open_items)} open" if open_items else f"all {len(status['items'])} GO"
     lines.append(f"GO list   {state}")
@@ -80,9 +81,3 @@ def _describe_vehicle(vehicle: dict[str, Any]) -> str:
             f"{vehicle['spheres_left']} spheres",
         ]
     )
-
-
-def _clock(at_us: int) -> str:
-    """Return a mission time as h:mm:ss."""
-    seconds = at_us // 1_000_000
-    return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
