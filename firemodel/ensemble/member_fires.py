@@ -59,7 +59,7 @@ class Start:
         land, self.entries = fire.landscape, fire.weather_ahead()
         self.fire, self.ignitions = fire, tuple(ignitions)
         self.fuels = len(burnable_codes(land))
-        self._terrain = terrain_of(land, fire.rate_options)
+        self._terrain = terrain_of(land, self.entries, fire.rate_options)
         self._tables = tables_of(land, self.entries, fire.rate_options)
         self._burnable = ~np.isin(land.fuel_model, list(NON_BURNABLE))
         self._burned = fire.burned()
@@ -106,22 +106,23 @@ class Start:
         return np.asarray(flame_length_m(intensity, crown), np.float32).reshape(came_s.shape)
 
     def rate_factors(self, draw: Draw) -> Floats:
-        """Return the factors of a member's spread rates (entries of ``weather_ahead``, fuels)."""
+        """Return the factors of a member's spread rates (entries of ``weather_ahead``, fuel beds)."""
         by_moisture, _ = self._wet(draw.moisture_factor)
-        found: Floats = by_moisture * draw.spread_factor * np.array(draw.fuel_factors)
+        own = np.array(draw.fuel_factors)[self._tables.fuel_of_bed]
+        found: Floats = by_moisture * draw.spread_factor * own
         return found
 
     def _wet(self, factor: float) -> tuple[Floats, Floats]:
         """Return the effect of a factor of dead fuel moisture on spread rate and intensity.
 
-        The first array (entries, fuels) is the spread rate divided by the rate at the moisture of
+        The first array (entries, fuel beds) is the spread rate divided by the rate at the moisture of
         the weather. The second array contains the intensity divided by the spread rate, in
         (kW/m)/(m/s). Dead fuel moisture changes only the rate without wind and slope, to which all
         spread rates are proportional (Rothermel 1972).
         """
         if factor not in self._by_moisture:
             land = self.fire.landscape
-            entries = [_with_dead_moisture(entry, factor) for entry in self.entries]
+            entries = [entry.with_dead_moisture(factor) for entry in self.entries]
             dry = self._tables.terms[..., 0]
             wet = tables_of(land, entries, self.fire.rate_options).terms
             ratio = np.divide(wet[..., 0], dry, out=np.ones_like(dry), where=dry > 0.0)
@@ -138,17 +139,6 @@ class Start:
             inside = 0 <= to_row < rows and 0 <= to_col < cols
             moves = inside and self._burnable[to_row, to_col]
             yield (to_row, to_col, at_s) if moves else (row, col, at_s)
-
-
-def _with_dead_moisture(entry: Weather, factor: float) -> Weather:
-    """Return an entry with its dead fuel moistures multiplied by a factor."""
-    names: list[Any] = ["dead_1h", "dead_10h", "dead_100h"]
-    own = [
-        (code, replace(moisture, **{name: getattr(moisture, name) * factor for name in names}))
-        for code, moisture in entry.of_fuels
-    ]
-    dead: dict[str, Any] = {f"{name}_pct": getattr(entry, f"{name}_pct") * factor for name in names}
-    return replace(entry, **dead, of_fuels=tuple(own))
 
 
 def burned_windows(

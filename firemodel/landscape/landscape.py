@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
+from firemodel.landscape.moisture_zones import MoistureZones, moisture_zones
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel, check_codes
 
 if TYPE_CHECKING:
@@ -245,6 +246,12 @@ class Landscape:
     def fuels(self) -> Mapping[int, FuelModel]:
         """The fuel model of each code that burns, standard or custom."""
         return FUEL_MODELS | dict(self.custom_fuels)
+
+    @cached_property
+    def moisture_zones(self) -> MoistureZones:
+        """The zones whose dead fuel has the same moisture; this landscape has an elevation."""
+        assert self.elevation_m is not None
+        return moisture_zones(self.elevation_m, self.gradient, self.canopy_cover)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -16,6 +16,8 @@ from firemodel.physics.rothermel import M_PER_FT, Moisture
 
 WIND_10M_OVER_20FT = 1.15
 Numbers = float | NDArray[np.floating]
+DEAD_PCT = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
+DeadMoistures = tuple[float, float, float]  # of 1-h, 10-h and 100-h fuel, as fractions
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +27,8 @@ class Weather:
     The wind speed is the speed 6.1 m (20 ft) above the vegetation. The wind direction is the
     direction from which the wind blows, in degrees clockwise from true north. Moistures are in
     percent of the oven-dry weight. ``of_fuels`` contains pairs of a fuel code and its moistures
-    (fractions), for fuels with moistures of their own.
+    (fractions), for fuels with moistures of their own. ``of_zones`` contains the dead moistures in
+    each zone of a landscape (``moisture_zones``), or nothing if they are the same everywhere.
     """
 
     at_s: float
@@ -37,10 +40,28 @@ class Weather:
     live_herb_pct: float
     live_woody_pct: float
     of_fuels: tuple[tuple[int, Moisture], ...] = field(default=(), kw_only=True)
+    of_zones: tuple[DeadMoistures, ...] = field(default=(), kw_only=True)
 
-    def moisture_of(self, code: int) -> Moisture:
-        """Return the moistures of a fuel as fractions; those in ``of_fuels`` take precedence."""
-        return dict(self.of_fuels).get(code, self.moisture)
+    def moisture_of(self, code: int, zone: int = 0) -> Moisture:
+        """Return the moistures of a fuel in a zone as fractions.
+
+        Dead moistures in ``of_zones`` take precedence over moistures in ``of_fuels``, and these
+        over the others.
+        """
+        found = dict(self.of_fuels).get(code, self.moisture)
+        if not self.of_zones:
+            return found
+        return Moisture(*self.of_zones[zone], found.live_herb, found.live_woody)
+
+    def with_dead_moisture(self, factor: float) -> "Weather":
+        """Return this entry with all dead moistures multiplied by a factor."""
+        dead = {name: factor * getattr(self, name) for name in DEAD_PCT}
+        own = (
+            (code, Moisture(*(factor * wet for wet in each.classes[:3]), *each.classes[3:]))
+            for code, each in self.of_fuels
+        )
+        zones = (tuple(factor * wet for wet in zone) for zone in self.of_zones)
+        return replace(self, **dead, of_fuels=tuple(own), of_zones=tuple(zones))  # type: ignore[arg-type]
 
     @property
     def moisture(self) -> Moisture:
@@ -134,7 +155,7 @@ class WeatherStream:
 
 
 def _check(number: int, entry: Weather) -> None:
-    for name in (each.name for each in fields(entry) if each.name != "of_fuels"):
+    for name in (each.name for each in fields(entry) if each.name not in ("of_fuels", "of_zones")):
         value = getattr(entry, name)
         if not math.isfinite(value):
             raise FireModelError(f"weather entry {number}: {name} = {value} is not a number")

@@ -50,7 +50,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
     """
     land, entries = fire.landscape, fire.weather.changes()
     options = fire.rate_options
-    terrain, tables = terrain_of(land, options), tables_of(land, entries, options)
+    terrain, tables = terrain_of(land, entries, options), tables_of(land, entries, options)
     heat = np.ascontiguousarray(tables.terms[..., HEAT])
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = fire.burned_arrival_s().ravel()

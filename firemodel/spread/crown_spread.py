@@ -72,8 +72,8 @@ def canopy_of(landscape: Landscape, foliar_moisture_pct: float) -> Canopy:
     return Canopy(*(np.asarray(layer, np.float32) for layer in (critical, density, heat)))
 
 
-def crown_factor(method: CrownMethod, entry: Weather) -> float:
-    """Return the factor of a crown fire's rate that depends on the fuel moistures.
+def crown_factor(method: CrownMethod, entry: Weather, zone: int = 0) -> float:
+    """Return the factor of a crown fire's rate that depends on the fuel moistures in a zone.
 
     By Rothermel's method this is 3.34 times the rate of fuel model 10 without wind, in m/s; by the
     method of Cruz et al. the factor of fine fuel moisture; without crown fire 0.
@@ -81,8 +81,9 @@ def crown_factor(method: CrownMethod, entry: Weather) -> float:
     if method == "none":
         return 0.0
     if method == "cruz":
-        return crown_fire.cruz_still_factor(entry.dead_1h_pct)
-    bed = fuel_bed(FUEL_MODELS[CROWN_FUEL], entry.moisture_of(CROWN_FUEL))
+        dead_1h_pct = 100.0 * entry.of_zones[zone][0] if entry.of_zones else entry.dead_1h_pct
+        return crown_fire.cruz_still_factor(dead_1h_pct)
+    bed = fuel_bed(FUEL_MODELS[CROWN_FUEL], entry.moisture_of(CROWN_FUEL, zone))
     return CROWN_RATE_FACTOR * bed.no_wind_rate_ft_min / FT_MIN_PER_M_S
 
 

@@ -82,7 +82,7 @@ class Devs8Fire(Fire):
         self._ground = Ground(
             landscape.shape[1],
             landscape.cell_size_m,
-            terrain_of(landscape, options),
+            terrain_of(landscape, weather.entries, options),
             tables,
             _slowest_m_s(tables.terms[..., HEAT], ignition_intensity_kw_m),
         )

@@ -24,7 +24,7 @@ class FrontRates:
     ) -> None:
         self._landscape = landscape
         self._weather = weather
-        self._terrain = terrain_of(landscape, options)
+        self._terrain = terrain_of(landscape, weather.entries, options)
         self._tables = tables_of(landscape, weather.entries, options)
 
     def speeds_m_s(

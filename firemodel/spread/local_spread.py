@@ -33,6 +33,7 @@ from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 HEAT, CROWN = 6, 7  # places in ``Tables.terms``
 NO_FACTOR = np.ones(1, dtype=np.float32)
+ONE_FUEL = np.zeros(1, dtype=np.int64)
 MAX_FACTOR = 1e6  # limit of factors of wind and spread rates
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
@@ -42,7 +43,7 @@ _eccentricity = kernel(rothermel.eccentricity)
 class Terrain(NamedTuple):
     """The inputs of a cell's spread that do not change with time; cells are flattened (n)."""
 
-    fuel: NDArray[np.int16]  # (n) index of the fuel in the tables; -1 if it does not burn
+    fuel: NDArray[np.int16]  # (n) index of the fuel bed in the tables; -1 if it does not burn
     gradient: NDArray[np.float32]  # (2, n) rise per metre towards north and east
     midflame: NDArray[np.float32]  # (n) midflame wind over wind 20 ft above the vegetation
     rate_factor: NDArray[np.float32]  # (n) factor of the spread rate; (1) if it is 1 everywhere
@@ -52,27 +53,63 @@ class Terrain(NamedTuple):
 class Tables(NamedTuple):
     """The inputs of the spread for each weather entry."""
 
-    # (entries, fuels, 8): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ, intensity (kW/m)
+    # (entries, fuel beds, 8): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ, intensity (kW/m)
     # at a rate of 1 m/s, the crown's factor (``crown_factor``)
     terms: Floats
     wind: Floats  # (entries, 3): m/s at 20 ft, unit vector toward which it blows (grid north, east)
     crown_method: int = NO_CROWNS
+    fuel_of_bed: NDArray[np.int64] = ONE_FUEL  # (fuel beds) index of the fuel in ``burnable_codes``
 
 
-def terrain_of(landscape: Landscape, options: RateOptions = SURFACE_ONLY) -> Terrain:
-    """Return the flattened cells of a landscape.
+class FuelBeds(NamedTuple):
+    """The combinations of fuel and moisture zone on a landscape, in ascending order.
 
-    Raises FireModelError if crown fire is wanted and the landscape has no canopy layers.
+    Without moistures of zones, each fuel is one bed.
+    """
+
+    fuel: NDArray[np.int64]  # (beds) index of the fuel in ``burnable_codes``
+    zone: NDArray[np.int64]  # (beds) index of the moisture zone; 0 without zones
+    of_cell: NDArray[np.int16]  # (n) index of the bed of each cell; -1 if it does not burn
+
+
+def fuel_beds(landscape: Landscape, entries: Sequence[Weather]) -> FuelBeds:
+    """Return the fuel beds of a landscape in a weather.
+
+    Raises FireModelError if the weather has moistures for the zones of another landscape.
     """
     codes = burnable_codes(landscape)
     place = np.full(int(landscape.fuel_model.max()) + 1, -1, dtype=np.int16)
     place[codes] = np.arange(len(codes))
-    midflame = _midflame(landscape, codes).ravel()
-    cells = landscape.fuel_model.ravel()
+    fuel = place[landscape.fuel_model.ravel()]
+    if not entries[0].of_zones:
+        return FuelBeds(np.arange(len(codes)), np.zeros(len(codes), dtype=np.int64), fuel)
+    zones, given = landscape.moisture_zones, len(entries[0].of_zones)
+    if given != zones.cover.size:
+        raise FireModelError(
+            f"weather: has moistures for {given} zones, the landscape has {zones.cover.size}; "
+            "read the weather with this landscape"
+        )
+    burns = fuel >= 0
+    beds, of_cell = np.unique(
+        fuel[burns].astype(np.int64) * given + zones.of_cell.ravel()[burns], return_inverse=True
+    )
+    fuel[burns] = of_cell
+    return FuelBeds(*np.divmod(beds, given), fuel)
+
+
+def terrain_of(
+    landscape: Landscape, entries: Sequence[Weather], options: RateOptions = SURFACE_ONLY
+) -> Terrain:
+    """Return the flattened cells of a landscape, with the fuel beds of a weather.
+
+    Raises FireModelError if crown fire is wanted and the landscape has no canopy layers.
+    """
+    midflame = _midflame(landscape, burnable_codes(landscape)).ravel()
     canopy = NO_CANOPY
     if options.crown != "none":
         canopy = canopy_of(landscape, options.foliar_moisture_pct)
-    return Terrain(place[cells], landscape.gradient.reshape(2, -1), midflame, NO_FACTOR, canopy)
+    beds = fuel_beds(landscape, entries).of_cell
+    return Terrain(beds, landscape.gradient.reshape(2, -1), midflame, NO_FACTOR, canopy)
 
 
 def window_of(terrain: Terrain, shape: tuple[int, int], here: tuple[slice, slice]) -> Terrain:
@@ -115,15 +152,6 @@ def burnable_codes(landscape: Landscape) -> list[int]:
     return [int(code) for code in present if int(code) in landscape.fuels]
 
 
-def beds_of(landscape: Landscape, entries: Sequence[Weather]) -> list[list[FuelBed]]:
-    """Return the fuel bed of each of ``burnable_codes``, for the moistures of each entry."""
-    codes = burnable_codes(landscape)
-    return [
-        [fuel_bed(landscape.fuels[code], entry.moisture_of(code)) for code in codes]
-        for entry in entries
-    ]
-
-
 def tables_of(
     landscape: Landscape, entries: Sequence[Weather], options: RateOptions = SURFACE_ONLY
 ) -> Tables:
@@ -131,14 +159,17 @@ def tables_of(
 
     Wind directions are converted from true north to grid north.
     """
-    beds = beds_of(landscape, entries)
-    terms = np.empty((len(entries), len(beds[0]), 8))
+    codes, beds = burnable_codes(landscape), fuel_beds(landscape, entries)
+    terms = np.empty((len(entries), beds.fuel.size, 8))
     wind = np.empty((len(entries), 3))
     for number, entry in enumerate(entries):
         toward = math.radians(landscape.grid_deg(entry.wind_from_deg + 180.0))
         wind[number] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
-        terms[number, :, CROWN] = crown_factor(options.crown, entry)
-        for place, bed in enumerate(beds[number]):
+        zones = range(max(len(entry.of_zones), 1))
+        crowns = np.array([crown_factor(options.crown, entry, zone) for zone in zones])
+        terms[number, :, CROWN] = crowns[beds.zone]
+        for place, (fuel, zone) in enumerate(zip(beds.fuel, beds.zone, strict=True)):
+            bed = fuel_bed(landscape.fuels[codes[fuel]], entry.moisture_of(codes[fuel], zone))
             limit_ft_min = rothermel.wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
             terms[number, place, :CROWN] = (
                 bed.no_wind_rate_ft_min / FT_MIN_PER_M_S,
@@ -149,7 +180,7 @@ def tables_of(
                 rothermel.wind_factor(bed, limit_ft_min) if options.wind_limit else math.inf,
                 fireline_intensity_kw_m(bed, 1.0),
             )
-    return Tables(terms, wind, METHODS[options.crown])
+    return Tables(terms, wind, METHODS[options.crown], beds.fuel)
 
 
 def perturbed(
@@ -159,7 +190,8 @@ def perturbed(
 
     All later entries are changed too. In the changed entries the wind speed is multiplied by
     ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is
-    multiplied by ``spread_factor``, a number or an array (changed entries, fuels). Raises
+    multiplied by ``spread_factor``: a number, or an array whose last axis is ``burnable_codes`` or
+    the fuel beds, and whose first axis, if there are two, is the changed entries. Raises
     FireModelError for a factor that is not from 0 to ``MAX_FACTOR``, or a turn that is not a finite
     number.
     """
@@ -169,6 +201,9 @@ def perturbed(
             f"perturb: wind_factor = {wind_factor}, turn_deg = {turn_deg}, spread_factor = "
             f"{spread_factor}: give factors from 0 to {MAX_FACTOR:g} and an angle in degrees"
         )
+    spread_factor = np.asarray(spread_factor)
+    if spread_factor.ndim > 0 and spread_factor.shape[-1] != tables.fuel_of_bed.size:
+        spread_factor = spread_factor[..., tables.fuel_of_bed]
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
     terms[entry + 1 :, :, 0] *= spread_factor

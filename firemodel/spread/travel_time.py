@@ -40,7 +40,7 @@ class Ground(NamedTuple):
 
 def ground_of(landscape: Landscape, entries: Sequence[Weather], options: RateOptions) -> Ground:
     """Return the ``Ground`` of a landscape; slownesses are computed later, when needed."""
-    terrain = terrain_of(landscape, options)
+    terrain = terrain_of(landscape, entries, options)
     n, cols = terrain.fuel.size, landscape.shape[1]
     slowness = np.full(4 * n, np.nan)
     return Ground(

@@ -57,10 +57,8 @@ def simulated_weather(scenario: Scenario) -> WeatherStream:
 
 
 def _changed(entry: Weather, section: SimulatedFireSection) -> Weather:
-    dead = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
     return replace(
-        entry,
+        entry.with_dead_moisture(section.moisture_factor),
         wind_speed_m_s=entry.wind_speed_m_s * section.wind_factor,
         wind_from_deg=(entry.wind_from_deg + section.wind_turn_deg) % 360.0,
-        **{name: getattr(entry, name) * section.moisture_factor for name in dead},
     )

@@ -54,9 +54,24 @@ COLUMNS = (
         "humidity_pct": Column("humidity_pct", 0.0, 100.0),
         "rain_mm": Column("rain_mm", 0.0, 500.0),
         "rain_in": Column("rain_mm", 0.0, 20.0, 25.4),
+        "cloud_pct": Column("cloud_pct", 0.0, 100.0),
+        "sun_w_m2": Column("sun_w_m2", 0.0, 1500.0),
     }
     | {name: Column(name, 0.0, 500.0) for name in MOISTURES}
 )
+
+
+class Conditioning(NamedTuple):
+    """How dead fuel moistures follow the weather.
+
+    By "time_lag" the moistures are the same on the whole landscape, in shade (``moisture``). By
+    "nelson" each zone of ``landscape`` has its own moistures (``zone_moistures``), and those by
+    time lag remain for uses without a place.
+    """
+
+    method: ConditioningMethod = "time_lag"
+    landscape: Landscape | None = None  # required by "nelson"
+    elevation_m: float | None = None  # of the station; default: of the file, else the mean
 
 
 def read_weather(
@@ -64,7 +79,7 @@ def read_weather(
     *,
     start: datetime | None = None,
     moisture: Moisture | None = None,
-    conditioned: bool = False,
+    conditioning: Conditioning | None = None,
     wind: Path | None = None,
     fuel_moistures: Mapping[int, Moisture] | None = None,
 ) -> WeatherStream:

@@ -1,0 +1,113 @@
+"""Compute the moisture of dead fuel in each zone of a landscape at each record of the weather.
+
+In each zone the air has the temperature and humidity of its elevation, and the sun shines on its
+slope through clouds and crowns. Nelson's sticks (``dead_fuel_sticks``) follow this weather.
+"""
+
+import math
+from collections.abc import Callable
+from datetime import datetime, timedelta, timezone
+from typing import NamedTuple
+
+import numpy as np
+
+from firemodel.arrays import Floats
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.moisture_zones import MoistureZones
+from firemodel.physics import sunlight
+from firemodel.physics.dead_fuel_sticks import STICKS, stick_moistures
+from firemodel.physics.weather import DeadMoistures
+
+# Fall of temperature and dew point with elevation: 3.5 and 1.1 °F per 1000 ft (Rothermel et al.
+# 1986, INT-359).
+LAPSE_C_M, DEW_LAPSE_C_M = 3.5 / 1.8 / 304.8, 1.1 / 1.8 / 304.8
+MIN_HUMIDITY, MAX_HUMIDITY = 0.01, 0.99
+LON_DEG_PER_H = 15.0
+
+
+class AirRecords(NamedTuple):
+    """Records of a weather station; each field from ``at_s`` to ``sun_w_m2`` has one value each.
+
+    The times are in seconds after ``begin`` and increase.
+    """
+
+    begin: datetime  # calendar time of 0 s; without an offset, the standard time of the longitude
+    at_s: Floats
+    temperature_c: Floats
+    humidity_pct: Floats
+    rain_mm: Floats  # between a record and the next
+    cloud_pct: Floats  # share of the sky
+    sun_w_m2: Floats | None  # measured on level ground; used instead of the clouds
+    elevation_m: float | None  # of the station; None: the mean of the landscape
+    initial: DeadMoistures  # at the first record
+
+
+def zone_moistures(air: AirRecords, landscape: Landscape) -> list[tuple[DeadMoistures, ...]]:
+    """Return the dead moistures (fractions) in each of the landscape's zones, for each record.
+
+    Raises FireModelError if the landscape has no elevation.
+    """
+    if landscape.elevation_m is None:
+        raise FireModelError(
+            "landscape: no elevation, which the moisture of slopes requires; give an elevation "
+            'raster, or condition with "time_lag"'
+        )
+    zones = landscape.moisture_zones
+    station_m = air.elevation_m
+    if station_m is None:
+        station_m = float(np.mean(landscape.elevation_m))
+    sun_on = _sunlight(air, landscape, station_m)
+    rain_cm = np.append(0.0, air.rain_mm[:-1]) / 10.0  # since the previous record
+    found = np.empty((air.at_s.size, zones.cover.size, 3))
+    for zone in range(zones.cover.size):
+        temperature_c, humidity = at_elevation(air, float(zones.elevation_m[zone]) - station_m)
+        weather = air.at_s, temperature_c, humidity, sun_on(zone), rain_cm
+        for place, terms in enumerate(STICKS):
+            found[:, zone, place] = stick_moistures(terms, *weather, air.initial[place])
+    return [tuple(map(tuple, record)) for record in found.tolist()]
+
+
+def at_elevation(air: AirRecords, above_m: float) -> tuple[Floats, Floats]:
+    """Return temperatures in °C and humidities (fractions) at a height above the station."""
+    humidity = np.clip(air.humidity_pct / 100.0, MIN_HUMIDITY, MAX_HUMIDITY)
+    dew_c = _dew_point_c(air.temperature_c, humidity) - DEW_LAPSE_C_M * above_m
+    temperature_c = air.temperature_c - LAPSE_C_M * above_m
+    humidity = np.exp(_magnus(dew_c) - _magnus(temperature_c))
+    return temperature_c, np.clip(humidity, MIN_HUMIDITY, MAX_HUMIDITY)
+
+
+def _magnus(temperature_c: Floats) -> Floats:
+    """Return the logarithm of the relative pressure of saturated vapour (Magnus, WMO 2008)."""
+    return 17.62 * temperature_c / (243.12 + temperature_c)
+
+
+def _dew_point_c(temperature_c: Floats, humidity: Floats) -> Floats:
+    log_pressure = np.log(humidity) + _magnus(temperature_c)
+    return 243.12 * log_pressure / (17.62 - log_pressure)
+
+
+def _sunlight(
+    air: AirRecords, landscape: Landscape, station_m: float
+) -> Callable[[int], Floats]:
+    """Return a function of a zone that gives the sunlight on its fuel at each record, in W/m²."""
+    zones: MoistureZones = landscape.moisture_zones
+    lat_deg, lon_deg = landscape.centre_lat_lon
+    begin = air.begin
+    if begin.tzinfo is None:
+        begin = begin.replace(tzinfo=timezone(timedelta(hours=round(lon_deg / LON_DEG_PER_H))))
+    sun = sunlight.sun_at(lat_deg, lon_deg, begin, air.at_s)
+    if air.sun_w_m2 is not None:
+        passes = sunlight.measured_share(sun, station_m, air.sun_w_m2)
+    else:
+        passes = sunlight.share_below_clouds(air.cloud_pct / 100.0)
+    turn = math.radians(landscape.grid_convergence_deg)
+    north = zones.rise_north * math.cos(turn) - zones.rise_east * math.sin(turn)
+    east = zones.rise_north * math.sin(turn) + zones.rise_east * math.cos(turn)
+
+    def on(zone: int) -> Floats:
+        slope = float(zones.elevation_m[zone]), float(north[zone]), float(east[zone])
+        clear = sunlight.clear_sunlight_w_m2(sun, *slope)
+        return clear * passes * (1.0 - float(zones.cover[zone]))
+
+    return on
