@@ -7,7 +7,6 @@ on ``each``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -17,7 +16,6 @@ from firemodel.arrays import Floats, bounds_of
 from firemodel.ensemble.draws import Draw
 from firemodel.errors import FireModelError
 from firemodel.physics.fuels import NON_BURNABLE
-from firemodel.physics.weather import Weather
 from firemodel.spread.behaviour import flame_length_m, front_behaviour
 from firemodel.spread.fire_scheme import Fire, Ignition
 from firemodel.spread.local_spread import (
@@ -106,7 +104,7 @@ class Start:
         return np.asarray(flame_length_m(intensity, crown), np.float32).reshape(came_s.shape)
 
     def rate_factors(self, draw: Draw) -> Floats:
-        """Return the factors of a member's spread rates (entries of ``weather_ahead``, fuel beds)."""
+        """Return the factors of a member's spread rates (entries ahead, fuel beds)."""
         by_moisture, _ = self._wet(draw.moisture_factor)
         own = np.array(draw.fuel_factors)[self._tables.fuel_of_bed]
         found: Floats = by_moisture * draw.spread_factor * own
@@ -115,8 +113,8 @@ class Start:
     def _wet(self, factor: float) -> tuple[Floats, Floats]:
         """Return the effect of a factor of dead fuel moisture on spread rate and intensity.
 
-        The first array (entries, fuel beds) is the spread rate divided by the rate at the moisture of
-        the weather. The second array contains the intensity divided by the spread rate, in
+        The first array (entries, fuel beds) is the spread rate divided by the rate at the moisture
+        of the weather. The second array contains the intensity divided by the spread rate, in
         (kW/m)/(m/s). Dead fuel moisture changes only the rate without wind and slope, to which all
         spread rates are proportional (Rothermel 1972).
         """

@@ -7,6 +7,7 @@ slope through clouds and crowns. Nelson's sticks (``dead_fuel_sticks``) follow t
 import math
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,13 @@ MIN_HUMIDITY, MAX_HUMIDITY = 0.01, 0.99
 LON_DEG_PER_H = 15.0
 
 
+class ZoneConditions(NamedTuple):
+    """The landscape whose zones have moistures of their own, and the elevation of the station."""
+
+    landscape: Landscape
+    station_m: float | None = None  # None: the mean elevation of the landscape
+
+
 class AirRecords(NamedTuple):
     """Records of a weather station; each field from ``at_s`` to ``sun_w_m2`` has one value each.
 
@@ -39,33 +47,53 @@ class AirRecords(NamedTuple):
     rain_mm: Floats  # between a record and the next
     cloud_pct: Floats  # share of the sky
     sun_w_m2: Floats | None  # measured on level ground; used instead of the clouds
-    elevation_m: float | None  # of the station; None: the mean of the landscape
-    initial: DeadMoistures  # at the first record
+    initial: DeadMoistures  # at the first record, as fractions
 
 
-def zone_moistures(air: AirRecords, landscape: Landscape) -> list[tuple[DeadMoistures, ...]]:
-    """Return the dead moistures (fractions) in each of the landscape's zones, for each record.
+def zone_moistures(air: AirRecords, conditions: ZoneConditions) -> list[tuple[DeadMoistures, ...]]:
+    """Return the dead moistures (fractions) in each zone of a landscape, for each record.
 
     Raises FireModelError if the landscape has no elevation.
     """
+    landscape, station_m = conditions
     if landscape.elevation_m is None:
         raise FireModelError(
             "landscape: no elevation, which the moisture of slopes requires; give an elevation "
             'raster, or condition with "time_lag"'
         )
     zones = landscape.moisture_zones
-    station_m = air.elevation_m
     if station_m is None:
         station_m = float(np.mean(landscape.elevation_m))
     sun_on = _sunlight(air, landscape, station_m)
-    rain_cm = np.append(0.0, air.rain_mm[:-1]) / 10.0  # since the previous record
-    found = np.empty((air.at_s.size, zones.cover.size, 3))
+    rows = [air.at_s, np.append(0.0, air.rain_mm[:-1]) / 10.0]  # rain since the previous record
     for zone in range(zones.cover.size):
-        temperature_c, humidity = at_elevation(air, float(zones.elevation_m[zone]) - station_m)
-        weather = air.at_s, temperature_c, humidity, sun_on(zone), rain_cm
-        for place, terms in enumerate(STICKS):
-            found[:, zone, place] = stick_moistures(terms, *weather, air.initial[place])
-    return [tuple(map(tuple, record)) for record in found.tolist()]
+        rows += at_elevation(air, float(zones.elevation_m[zone]) - station_m)
+        rows.append(sun_on(zone))
+    return list(_stick_moistures(np.array(rows).tobytes(), air.at_s.size, air.initial))
+
+
+@lru_cache(maxsize=4)
+def _stick_moistures(
+    rows: bytes, records: int, initial: DeadMoistures
+) -> tuple[tuple[DeadMoistures, ...], ...]:
+    """Return the dead moistures of zones at each record.
+
+    ``rows`` is an array (2 + 3 zones, records) of times and rain, and for each zone temperatures,
+    humidities and sunlight. It is the key of the cache, because the parts of a program read the
+    same weather several times.
+    """
+    (at_s, rain_cm), zones = np.split(np.frombuffer(rows).reshape(-1, records), [2])
+    found = [
+        [
+            stick_moistures(terms, at_s, *air, rain_cm, wet)
+            for terms, wet in zip(STICKS, initial, strict=True)
+        ]
+        for air in zones.reshape(-1, 3, records)
+    ]
+    return tuple(
+        tuple((one, ten, hundred) for one, ten, hundred in record)
+        for record in np.moveaxis(np.array(found), 2, 0).tolist()
+    )
 
 
 def at_elevation(air: AirRecords, above_m: float) -> tuple[Floats, Floats]:
@@ -87,9 +115,7 @@ def _dew_point_c(temperature_c: Floats, humidity: Floats) -> Floats:
     return 243.12 * log_pressure / (17.62 - log_pressure)
 
 
-def _sunlight(
-    air: AirRecords, landscape: Landscape, station_m: float
-) -> Callable[[int], Floats]:
+def _sunlight(air: AirRecords, landscape: Landscape, station_m: float) -> Callable[[int], Floats]:
     """Return a function of a zone that gives the sunlight on its fuel at each record, in W/m²."""
     zones: MoistureZones = landscape.moisture_zones
     lat_deg, lon_deg = landscape.centre_lat_lon

@@ -96,5 +96,3 @@ def stick_moistures(
     work = np.empty((5, count))
     moistures(air, rain_cm, hours, nodes, surface, work, PRESSURE_CAL_CM3, terms, found)
     return found
-
-

@@ -289,9 +289,5 @@ def moistures(air, rain_cm, hours, nodes, surface, work, pressure, terms, found)
     for record in range(1, air.shape[0]):
         before = Air(air[record - 1, 0], air[record - 1, 1], air[record - 1, 2])
         after = Air(air[record, 0], air[record, 1], air[record, 2])
-        update(
-            nodes, surface, before, after, rain_cm[record], hours[record], pressure, work, terms
-        )
+        update(nodes, surface, before, after, rain_cm[record], hours[record], pressure, work, terms)
         found[record] = mean_moisture(nodes, terms)
-
-

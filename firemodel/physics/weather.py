@@ -57,7 +57,16 @@ class Weather:
         """Return this entry with all dead moistures multiplied by a factor."""
         dead = {name: factor * getattr(self, name) for name in DEAD_PCT}
         own = (
-            (code, Moisture(*(factor * wet for wet in each.classes[:3]), *each.classes[3:]))
+            (
+                code,
+                Moisture(
+                    factor * each.dead_1h,
+                    factor * each.dead_10h,
+                    factor * each.dead_100h,
+                    each.live_herb,
+                    each.live_woody,
+                ),
+            )
             for code, each in self.of_fuels
         )
         zones = (tuple(factor * wet for wet in zone) for zone in self.of_zones)

@@ -18,7 +18,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape
 from firemodel.physics import rothermel
 from firemodel.physics.crown_fire import METHODS, NO_CROWNS, SCOTT_REINHARDT
-from firemodel.physics.rothermel import FT_MIN_PER_M_S, FuelBed, fireline_intensity_kw_m, fuel_bed
+from firemodel.physics.rothermel import FT_MIN_PER_M_S, fireline_intensity_kw_m, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
 from firemodel.spread.crown_spread import (
     NO_CANOPY,
@@ -53,8 +53,8 @@ class Terrain(NamedTuple):
 class Tables(NamedTuple):
     """The inputs of the spread for each weather entry."""
 
-    # (entries, fuel beds, 8): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ, intensity (kW/m)
-    # at a rate of 1 m/s, the crown's factor (``crown_factor``)
+    # (entries, fuel beds, 8): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ, intensity
+    # (kW/m) at a rate of 1 m/s, the crown's factor (``crown_factor``)
     terms: Floats
     wind: Floats  # (entries, 3): m/s at 20 ft, unit vector toward which it blows (grid north, east)
     crown_method: int = NO_CROWNS

@@ -127,7 +127,9 @@ class WeatherFile(FuelMoisture):
     weather file may also be an inputs file of FARSITE. The moistures in this table are used if the
     weather file has no moistures; ``fuel_moistures`` is an .fms file with moistures of single
     fuels. With ``conditioned``, dead fuels start with these moistures, which then follow
-    temperature, humidity and rain.
+    temperature, humidity and rain by ``dead_fuel_model``: "time_lag", the same everywhere, or
+    "nelson", by elevation, slope, aspect, sun and shade. ``station_elevation_m`` is the elevation
+    of the weather station, by default the mean of the landscape.
     """
 
     path: Path
@@ -135,6 +137,18 @@ class WeatherFile(FuelMoisture):
     fuel_moistures: Path | None = None
     start: datetime | None = None
     conditioned: bool = False
+    dead_fuel_model: Literal["time_lag", "nelson"] = "time_lag"
+    station_elevation_m: Annotated[float, Field(ge=-500, le=9000)] | None = None
+
+    @model_validator(mode="after")
+    def _conditioned(self) -> "WeatherFile":
+        if self.dead_fuel_model == "nelson" and not self.conditioned:
+            raise ValueError('dead_fuel_model = "nelson" requires conditioned = true')
+        if self.station_elevation_m is not None and self.dead_fuel_model != "nelson":
+            raise ValueError(
+                'station_elevation_m has no effect without dead_fuel_model = "nelson"; leave it out'
+            )
+        return self
 
 
 class Ignition(Section):

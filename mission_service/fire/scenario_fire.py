@@ -97,21 +97,27 @@ def custom_fuels_of(section: LandscapeSection) -> dict[int, FuelModel]:
 def weather_of(scenario: Scenario) -> WeatherStream:
     """Return the weather of a scenario, from its entries or its weather file."""
     if scenario.weather_file is not None:
-        return _from_file(scenario.weather_file)
+        return _from_file(scenario.weather_file, scenario)
     return WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
 
 
-def _from_file(section: WeatherFile) -> WeatherStream:
+def _from_file(section: WeatherFile, scenario: Scenario) -> WeatherStream:
     from firemodel.landscape.readers.inputs_files import read_fuel_moistures
     from firemodel.landscape.readers.weather_files import read_weather
 
     moisture = Moisture(*(getattr(section, name) / 100.0 for name in FuelMoisture.model_fields))
     own = read_fuel_moistures(section.fuel_moistures) if section.fuel_moistures else None
+    zones = None
+    if section.dead_fuel_model == "nelson":
+        from firemodel.landscape.zone_moistures import ZoneConditions
+
+        zones = ZoneConditions(landscape_of(scenario), section.station_elevation_m)
     return read_weather(
         section.path,
         start=section.start,
         moisture=moisture,
         conditioned=section.conditioned,
+        zones=zones,
         wind=section.wind,
         fuel_moistures=own,
     )

@@ -27,5 +27,7 @@ def spread_fields(landscape: Landscape, weather: Weather) -> tuple[Floats, Float
     The direction is clockwise from grid north. The rate is 0 in cells that do not burn.
     """
     tables = tables_of(landscape, [weather])
-    rate, north, east, e = _heads(0, terrain_of(landscape), tables).reshape(4, *landscape.shape)
+    rate, north, east, e = _heads(0, terrain_of(landscape, [weather]), tables).reshape(
+        4, *landscape.shape
+    )
     return rate, np.arctan2(east, north) % (2.0 * np.pi), e

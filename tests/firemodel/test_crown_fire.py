@@ -69,7 +69,7 @@ def head(
     """Return rate, direction (north, east), eccentricity and crown fraction in the first cell."""
     options = RateOptions(crown=method, foliar_moisture_pct=foliar_pct)
     found: tuple[float, float, float, float, float] = crowned_head(
-        0, 0, terrain_of(land, options), tables_of(land, [entry], options)
+        0, 0, terrain_of(land, [entry], options), tables_of(land, [entry], options)
     )
     return found
 
@@ -243,7 +243,7 @@ def inputs_of(row: dict[str, str], method: CrownMethod) -> tuple[Terrain, Tables
     options = RateOptions(crown=method, foliar_moisture_pct=number("moisture_foliar_pct"))
     toward = math.radians(from_deg + 180.0)
     factor = number("out_waf") or number("user_waf")
-    terrain = terrain_of(land, options)._replace(midflame=np.array([factor]))
+    terrain = terrain_of(land, [entry], options)._replace(midflame=np.array([factor]))
     tables = tables_of(land, [entry], options)._replace(
         wind=np.array([[wind_m_s, math.cos(toward), math.sin(toward)]])
     )

@@ -27,8 +27,11 @@ WTR = (
 )
 WND = "month, day, hour, wind speed, wind direction, cloud cover"
 COLUMNS = {
-    "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph", "wind_from_deg"),
-    "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh", "wind_from_deg"),
+    unit: (*names, "wind_from_deg", "cloud_pct")
+    for unit, names in {
+        "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph"),
+        "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh"),
+    }.items()
 }
 RAIN_IN = {"ENGLISH": 0.01, "METRIC": 1.0}  # unit of rain: 1/100 inch, or mm
 HOUR = timedelta(hours=1)
@@ -41,6 +44,16 @@ class Extreme(NamedTuple):
     at: datetime
     temperature: float
     humidity_pct: float
+
+
+class Wind(NamedTuple):
+    """A wind in a .wnd file, in the file's units."""
+
+    at: datetime
+    line: int
+    speed: str
+    from_deg: str
+    cloud_pct: str
 
 
 class Rain(NamedTuple):
@@ -106,17 +119,15 @@ def daily_records(
     found = []
     for at in _times(winds, begin, end):
         index = max(0, bisect_right(winds, at, key=itemgetter(0)) - 1)
-        _, line, speed, from_deg = winds[index]
+        _, line, *wind = winds[index]
         temperature, humidity = _between(extremes, at)
         wet = sum(rain.amount for rain in rains if rain.begin <= at < rain.end)
-        texts = (f"{temperature:.2f}", f"{humidity:.2f}", f"{wet:.4f}", speed, from_deg)
+        texts = (f"{temperature:.2f}", f"{humidity:.2f}", f"{wet:.4f}", *wind)
         found.append((line, [at.isoformat(), *texts]))
     return unit, found
 
 
-def _times(
-    winds: list[tuple[datetime, int, str, str]], begin: datetime, end: datetime
-) -> list[datetime]:
+def _times(winds: list[Wind], begin: datetime, end: datetime) -> list[datetime]:
     """Return the full hours and the times of winds, from the first wind until ``end``."""
     first = max(winds[0][0], begin)
     hour = first.replace(minute=0)
@@ -168,13 +179,13 @@ def _rain(where: str, fields: list[str], day: datetime, rain_in: float) -> Rain:
     return Rain(begin, end, amount / max((end - begin) / HOUR, 1.0))
 
 
-def winds_in(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, int, str, str]]:
-    """Return the time, the line, the speed and the direction of each wind in a .wnd file.
+def winds_in(path: Path, rows: NumberedRows, year: int) -> list[Wind]:
+    """Return the winds in a .wnd file; a row without cloud cover has a clear sky.
 
     ``year`` is the year of the first row. Raises FireModelError for a row that cannot be used and
     for a file without rows; the message names file and line.
     """
-    found: list[tuple[datetime, int, str, str]] = []
+    found: list[Wind] = []
     for line, fields in rows:
         where = f"{path} line {line}"
         if not 5 <= len(fields) <= 6:
@@ -186,7 +197,9 @@ def winds_in(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, 
             raise FireModelError(f"{where}: not later than the previous wind; sort the lines")
         number(where, "wind speed", fields[3], 0.0, MAX_WIND)
         number(where, "wind direction", fields[4], 0.0, 360.0)
-        found.append((at, line, fields[3], fields[4]))
+        cloud = fields[5] if len(fields) > 5 else "0"
+        number(where, "cloud cover", cloud, 0.0, 100.0)
+        found.append(Wind(at, line, fields[3], fields[4], cloud))
     if not found:
         raise FireModelError(f"{path}: contains no wind; give at least one line ({WND})")
     return found

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +13,16 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.readers.weather_records import Rows, records_in, time_in
 from firemodel.physics.moisture import dead_moistures_pct
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
-from firemodel.physics.weather import Weather, WeatherSource, WeatherStream, wind_20ft_from_10m
+from firemodel.physics.weather import (
+    DeadMoistures,
+    Weather,
+    WeatherSource,
+    WeatherStream,
+    wind_20ft_from_10m,
+)
+
+if TYPE_CHECKING:
+    from firemodel.landscape.zone_moistures import ZoneConditions
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,25 +71,13 @@ COLUMNS = (
 )
 
 
-class Conditioning(NamedTuple):
-    """How dead fuel moistures follow the weather.
-
-    By "time_lag" the moistures are the same on the whole landscape, in shade (``moisture``). By
-    "nelson" each zone of ``landscape`` has its own moistures (``zone_moistures``), and those by
-    time lag remain for uses without a place.
-    """
-
-    method: ConditioningMethod = "time_lag"
-    landscape: Landscape | None = None  # required by "nelson"
-    elevation_m: float | None = None  # of the station; default: of the file, else the mean
-
-
 def read_weather(
     path: Path,
     *,
     start: datetime | None = None,
     moisture: Moisture | None = None,
-    conditioning: Conditioning | None = None,
+    conditioned: bool = False,
+    zones: "ZoneConditions | None" = None,
     wind: Path | None = None,
     fuel_moistures: Mapping[int, Moisture] | None = None,
 ) -> WeatherStream:
@@ -111,6 +109,9 @@ def read_weather(
         moisture: Fuel moistures (fractions) of the classes that have no column in the file.
         conditioned: True to compute the dead moistures from temperature, humidity and rain
             (``physics/moisture.py``), beginning with ``moisture`` at the first record of the file.
+            These moistures are the same on the whole landscape.
+        zones: If given and ``conditioned``, the moistures of the zones of a landscape are computed
+            too, from sun, air and rain (``zone_moistures``); fires use these.
         wind: The .wnd file of a .wtr file, by default the one with the same name.
         fuel_moistures: Moistures (fractions) of single fuel codes, instead of ``moisture``; code 0
             means all other codes (``inputs_files.read_fuel_moistures``).
@@ -135,7 +136,12 @@ def read_weather(
     _check_moistures(path, values, moisture, own, conditioned)
     moistures_pct = _moistures_pct(at_s, values, moisture, conditioned)
     own_pct = {code: _moistures_pct(at_s, values, wet, conditioned) for code, wet in own.items()}
+    begin = _begin(path, rows, start)
+    of_zones: list[tuple[DeadMoistures, ...]] = [()] * at_s.size
+    if conditioned and zones is not None:
+        of_zones = _zone_moistures(path, at_s, values, moisture, begin, zones)
     first = np.searchsorted(at_s, 0.0, side="right") - 1
+    humid = values.get("humidity_pct")
     return WeatherStream(
         [
             Weather(
@@ -144,22 +150,49 @@ def read_weather(
                 float(values["wind_from_deg"][number]),
                 **dict(zip(MOISTURES, map(float, moistures_pct[number]), strict=True)),
                 of_fuels=tuple((code, _fractions(pct[number])) for code, pct in own_pct.items()),
+                of_zones=of_zones[number],
             )
             for number in range(first, at_s.size)
         ],
-        _source(path, rows, start, values.get("humidity_pct"), int(first)),
+        WeatherSource(str(path), begin, None if humid is None else tuple(humid[first:].tolist())),
     )
 
 
-def _source(
-    path: Path, rows: Rows, start: datetime | None, humidity_pct: Floats | None, first: int
-) -> WeatherSource:
-    """Return the origin of a stream that begins with the record ``first``."""
+def _begin(path: Path, rows: Rows, start: datetime | None) -> datetime | None:
+    """Return the calendar time of 0 s, or None if the file has no calendar times."""
     line, row = rows[0]
-    if start is None and "time" in row:
-        start = time_in(path, line, row["time"])
-    humid = None if humidity_pct is None else tuple(humidity_pct[first:].tolist())
-    return WeatherSource(str(path), start, humid)
+    return time_in(path, line, row["time"]) if start is None and "time" in row else start
+
+
+def _zone_moistures(
+    path: Path,
+    at_s: Floats,
+    values: Mapping[str, Floats],
+    moisture: Moisture | None,
+    begin: datetime | None,
+    zones: "ZoneConditions",
+) -> list[tuple[DeadMoistures, ...]]:
+    """Return the dead moistures of the zones at each record of a file."""
+    from firemodel.landscape.zone_moistures import AirRecords, zone_moistures
+
+    assert moisture is not None  # because dead moistures are not in the file (_check_moistures)
+    if begin is None:
+        raise FireModelError(
+            f"{path}: has no calendar times, which the sun requires; give a column time instead of "
+            "at_s, or condition by time lag"
+        )
+    none = np.zeros(at_s.size)
+    air = AirRecords(
+        begin,
+        at_s,
+        values["temperature_c"],
+        values["humidity_pct"],
+        values.get("rain_mm", none),
+        values.get("cloud_pct", none),
+        values.get("sun_w_m2"),
+        (moisture.dead_1h, moisture.dead_10h, moisture.dead_100h),
+    )
+    return zone_moistures(air, zones)
 
 
 def _fractions(pct: Floats) -> Moisture:

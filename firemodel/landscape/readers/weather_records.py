@@ -245,4 +245,4 @@ def raws_row(path: Path, line: int, fields: list[str], units: str) -> dict[str, 
     year, month, day, clock = (field.zfill(2) for field in fields[:4])
     clock = clock.zfill(4)
     time = f"{year}-{month}-{day}T{clock[:-2]}:{clock[-2:]}"
-    return {"time": time} | dict(zip(COLUMNS[units], fields[4:9], strict=True))
+    return {"time": time} | dict(zip(COLUMNS[units], fields[4:10], strict=True))
