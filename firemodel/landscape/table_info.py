@@ -19,7 +19,7 @@ from firemodel.landscape.readers.inputs_files import (
     read_inputs,
 )
 from firemodel.landscape.readers.stream_files import table_in, units_in, winds_in
-from firemodel.landscape.readers.weather_files import read_weather
+from firemodel.landscape.readers.weather_files import MOISTURES, read_weather
 from firemodel.landscape.readers.weather_records import YEAR, records_in
 from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import Moisture
@@ -77,11 +77,16 @@ def _weather(path: Path) -> Described:
     ]
     lines += [f"{name} {_range(rows, name)}" for name in names if not name.startswith("wind")]
     used = [name for name in names if name.startswith(("temperature", "humidity", "rain"))]
+    sky = [name for name in names if name.startswith(("cloud", "sun"))]
     notes = []
-    if used and not any(name.endswith("_pct") and name != "humidity_pct" for name in names):
+    if used and not any(name in MOISTURES for name in names):
         notes.append(f"a run ignores {', '.join(used)}, unless weather_file.conditioned = true")
+    if sky:
+        notes.append(
+            f'a run ignores {", ".join(sky)}, unless weather_file.dead_fuel_model = "nelson"'
+        )
     if path.suffix.lower() in (".raws", ".wxs", ".wtr"):
-        notes.append("a run ignores cloud cover and the elevation of the station")
+        notes.append("a run ignores the elevation of the station")
     return lines, notes
 
 
