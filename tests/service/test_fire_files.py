@@ -15,7 +15,7 @@ from tests.firemodel.test_perimeter_files import written
 from tests.firemodel.test_shapes import shapefile
 from tests.service.fires import CSV, LAND, LIT, POINT, TIFFS, write_scenario, write_site
 from tests.service.test_cli import call
-from tests.service.test_fire_cli import burn
+from tests.service.test_fire_cli import arrival_s, burn
 
 INPUTS = """FARSITE INPUTS FILE VERSION 1.0
 FARSITE_START_TIME: 07 01 1200
@@ -57,6 +57,23 @@ def test_custom_fuel_rate_factors_and_an_inputs_file_change_the_fire(tmp_path: P
     assert areas[3] > 1.2 * areas[1]
     result = call("fire", "run", str(write_scenario(site, own, WIND, POINT)), "-o", str(tmp_path))
     assert "case.input: the run ignores FARSITE_TIMESTEP\n" in result.stderr
+
+
+def test_dead_fuel_by_zones_changes_the_fire_and_needs_conditioning(tmp_path: Path) -> None:
+    site = write_site(tmp_path)
+    earlier = INPUTS.replace("RAWS: 2\n", "RAWS: 3\n2024 7 1 0800 77 25 0 11.2 270 0\n")
+    (site / "case.input").write_text(earlier, encoding="utf-8")
+    nelson = WIND + 'dead_fuel_model = "nelson"\n'
+    for out, weather in (("same", WIND), ("zones", nelson)):
+        scenario = write_scenario(site, TIFFS, weather + "conditioned = true\n", POINT)
+        assert burn(scenario, tmp_path / out)["burned_cells"] > 10
+    assert not np.array_equal(arrival_s(tmp_path / "same"), arrival_s(tmp_path / "zones"))
+    result = call("config", "check", str(write_scenario(site, TIFFS, nelson, POINT)))
+    assert result.exit_code != 0
+    assert "requires conditioned = true" in result.stderr
+    station = WIND + "conditioned = true\nstation_elevation_m = 100\n"
+    result = call("config", "check", str(write_scenario(site, TIFFS, station, POINT)))
+    assert "station_elevation_m has no effect" in result.stderr
 
 
 def test_a_daily_weather_file_needs_and_uses_its_wind(tmp_path: Path) -> None:
