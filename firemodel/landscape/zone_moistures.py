@@ -85,10 +85,10 @@ def _stick_moistures(
     (at_s, rain_cm), zones = np.split(np.frombuffer(rows).reshape(-1, records), [2])
     found = [
         [
-            stick_moistures(terms, at_s, *air, rain_cm, wet)
+            stick_moistures(terms, at_s, temperature_c, humidity, sun_w_m2, rain_cm, wet)
             for terms, wet in zip(STICKS, initial, strict=True)
         ]
-        for air in zones.reshape(-1, 3, records)
+        for temperature_c, humidity, sun_w_m2 in zones.reshape(-1, 3, records)
     ]
     return tuple(
         tuple((one, ten, hundred) for one, ten, hundred in record)
