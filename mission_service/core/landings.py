@@ -387,7 +387,6 @@ class Landings:
         except ScenarioError as error:
             return self._stop(vehicle, str(error), fix.at_s)
         vehicle.landing_state.mission = mission
-        self.traffic.on_landing(vehicle.name, mission.items)
         path = np.array([(fix.x_m, fix.y_m), vehicle.home_m])
         why = f"land on course {mission.course_deg:.0f}"
         return [self._missions.upload(vehicle, path, mission.items, fix, why, lands=True)]

@@ -78,11 +78,9 @@ def track_of(
 
 def descent_of(items: tuple[MissionItem, ...], landscape: Landscape, radius_m: float) -> Floats:
     """Return points (n, 2) of the descent of a landing mission: its loiter, and the last leg."""
-    found = {item.command: item for item in items}
-    loiter_m, home_m = (
-        np.array(landscape.xy_of_lat_lon(found[command].x / 1e7, found[command].y / 1e7))
-        for command in (NAV_LOITER_TO_ALT, NAV_LAND)
-    )
+    place = {item.command: (item.x / 1e7, item.y / 1e7) for item in items}
+    home_m = np.array(landscape.xy_of_lat_lon(*place[NAV_LAND]))
+    loiter_m = np.array(landscape.xy_of_lat_lon(*place.get(NAV_LOITER_TO_ALT, place[NAV_LAND])))
     turns = np.linspace(0.0, math.tau, AROUND, endpoint=False)
     ring = loiter_m + radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
     return np.vstack([ring, along(loiter_m, home_m)])

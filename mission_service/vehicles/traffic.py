@@ -95,7 +95,8 @@ class TrafficManager:
         flown.compared = self._missions_below(name)
 
     def on_landing(self, name: str, items: tuple[MissionItem, ...]) -> None:
-        """Record a landing mission that is sent to the vehicle."""
+        """Record a landing mission that is sent to the vehicle, instead of its mission."""
+        self.forget(name)
         flown = self._all[name]
         flown.descent_m = descent_of(items, self._landscape, flown.section.loiter_radius_m)
 
