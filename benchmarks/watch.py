@@ -84,18 +84,61 @@ class Watch:
     intervals_s: list[float] = field(default_factory=list)  # between reliefs
 
 
-def sectors_seen(event: Observed, centre: tuple[float, float]) -> NDArray[np.int64]:
-    """Return the sectors in which a window shows unburned cells beside burned cells."""
-    cells = states_in(event.cells)
-    burned, unburned = cells == BURNED, cells == UNBURNED
+class SectorAges:
+    """The times for which the sectors of the front were unseen, from the observed windows.
+
+    Sectors are angles at the middle of the area that has been observed as burned. A sector without
+    any front, which a small fire has, counts as seen.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.oldest_s = 0.0  # longest time for which a sector was unseen
+        self._burned = np.zeros(shape, dtype=np.bool_)
+        self._cells = 0  # number of burned cells for which centre and sectors were computed
+        self._centre = (0.0, 0.0)
+        self._has_front = np.zeros(SECTORS, dtype=np.bool_)
+        self._seen_at_s = np.full(SECTORS, np.nan)
+
+    def add(self, event: Observed) -> None:
+        """Add a window."""
+        at_s, cells = event.at_us / 1e6, states_in(event.cells)
+        rows, cols = cells.shape
+        burned = self._burned[event.row : event.row + rows, event.col : event.col + cols]
+        burned |= cells == BURNED
+        count = int(np.count_nonzero(self._burned))
+        if count == 0:
+            return
+        if count > self._cells:
+            places = np.nonzero(self._burned)
+            self._centre, self._cells = (float(places[0].mean()), float(places[1].mean())), count
+            self._has_front[:] = False
+            self._has_front[self._sectors(*edge_of(self._burned, ~self._burned))] = True
+        self._seen_at_s[~self._has_front] = at_s
+        row, col = edge_of(cells == BURNED, cells == UNBURNED)
+        self._seen_at_s[self._sectors(row + event.row, col + event.col)] = at_s
+        self.finish(at_s)
+
+    def finish(self, at_s: float) -> None:
+        """Update the longest time at the end of the flight, or at any time."""
+        if np.isfinite(self._seen_at_s).any():
+            self.oldest_s = max(self.oldest_s, at_s - float(np.nanmin(self._seen_at_s)))
+
+    def _sectors(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.int64]:
+        bearing = np.arctan2(cols - self._centre[1], self._centre[0] - rows)
+        return np.unique(np.floor(bearing / math.tau * SECTORS).astype(np.int64) % SECTORS)
+
+
+def edge_of(
+    burned: NDArray[np.bool_], others: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return rows and columns of the burned cells with one of the other cells at a side."""
     beside = np.zeros_like(burned)
-    beside[1:] |= unburned[:-1]
-    beside[:-1] |= unburned[1:]
-    beside[:, 1:] |= unburned[:, :-1]
-    beside[:, :-1] |= unburned[:, 1:]
+    beside[1:] |= others[:-1]
+    beside[:-1] |= others[1:]
+    beside[:, 1:] |= others[:, :-1]
+    beside[:, :-1] |= others[:, 1:]
     rows, cols = np.nonzero(burned & beside)
-    bearing = np.arctan2(event.col + cols - centre[1], centre[0] - event.row - rows)
-    return np.unique(np.floor(bearing / math.tau * SECTORS).astype(np.int64) % SECTORS)
+    return rows, cols
 
 
 def watched(path: Path, scenario: Scenario) -> Watch:
@@ -103,8 +146,7 @@ def watched(path: Path, scenario: Scenario) -> Watch:
     landscape = landscape_of(scenario)
     row, col = landscape.row_col_of(*fire_position(scenario, landscape))
     centre = float(row), float(col)
-    found = Watch(reliefs_in(path))
-    seen_at_s = np.full(SECTORS, np.nan)
+    found, ages = Watch(reliefs_in(path)), SectorAges(landscape.shape)
     began_at_s: float | None = None
     at_s, swept, last = 0.0, 0.0, math.nan
     lap_began_s, present = 0.0, ""
@@ -112,11 +154,7 @@ def watched(path: Path, scenario: Scenario) -> Watch:
         match entry.content:
             case Observed() as event if event.vehicle == present:
                 at_s = event.at_us / 1e6
-                sectors = sectors_seen(event, centre)
-                ages = at_s - seen_at_s[sectors]
-                if np.isfinite(ages).any():
-                    found.oldest_s = max(found.oldest_s, float(np.nanmax(ages)))
-                seen_at_s[sectors] = at_s
+                ages.add(event)
             case ShowRelief(role="on task") as shown if shown.vehicle != present:
                 if began_at_s is not None:
                     found.intervals_s.append(at_s - began_at_s)
@@ -137,8 +175,8 @@ def watched(path: Path, scenario: Scenario) -> Watch:
                     swept, lap_began_s = 0.0, at_s
             case _:
                 pass
-    unseen = at_s - seen_at_s
-    found.oldest_s = max(found.oldest_s, float(np.nanmax(unseen)))
+    ages.finish(at_s)
+    found.oldest_s = ages.oldest_s
     return found
 
 

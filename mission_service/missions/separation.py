@@ -5,7 +5,8 @@ points, so that a higher layer may be close to a lower layer over a slope. A mis
 also placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). Two
 vehicles may fly at nearly the same altitude, because the scenario places them in one layer, or
 during a climb or a return. If they approach each other, one moves away from the fire and loiters
-until the other has passed. Coordinates are in metres, x east, y north.
+until the other has passed. A plane that lands descends through the layers of others: these keep
+clear of its descent (``descent_of``). Coordinates are in metres, x east, y north.
 """
 
 import math
@@ -27,7 +28,7 @@ NEAR_M = 200.0  # allows for cut corners, loiters, and fronts observed at differ
 MARGIN_M = 10.0  # added to the required separation for errors of altitude control
 AHEAD_S = 25.0  # time of an upload, half a turn and the flight to the waiting position
 PASSED_M = 1000.0
-NAV_LOITER_UNLIM = 17
+NAV_LOITER_UNLIM, NAV_LAND, NAV_LOITER_TO_ALT = 17, 21, 31
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +74,16 @@ def track_of(
     lowest.append(np.full(AROUND, altitudes[-1]))
     highest.append(np.full(AROUND, altitudes[-1]))
     return Track(np.concatenate(parts), np.concatenate(lowest), np.concatenate(highest))
+
+
+def descent_of(items: tuple[MissionItem, ...], landscape: Landscape, radius_m: float) -> Floats:
+    """Return points (n, 2) of the descent of a landing mission: its loiter, and the last leg."""
+    place = {item.command: (item.x / 1e7, item.y / 1e7) for item in items}
+    home_m = np.array(landscape.xy_of_lat_lon(*place[NAV_LAND]))
+    loiter_m = np.array(landscape.xy_of_lat_lon(*place.get(NAV_LOITER_TO_ALT, place[NAV_LAND])))
+    turns = np.linspace(0.0, math.tau, AROUND, endpoint=False)
+    ring = loiter_m + radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
+    return np.vstack([ring, along(loiter_m, home_m)])
 
 
 def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
@@ -166,21 +177,25 @@ def has_passed(
     return distance_m > PASSED_M or (leaves and distance_m > far_m)
 
 
+def straight_on(fix: PositionFix) -> Floats:
+    """Return points (n, 2) on the course of a vehicle, as far as it flies in ``AHEAD_S``."""
+    start = np.array([fix.x_m, fix.y_m])
+    return along(start, start + AHEAD_S * np.array([fix.east_m_s, fix.north_m_s]))
+
+
 def avoidance_position(
-    own: PositionFix, other: PositionFix, away_from_m: tuple[float, float], offset_m: float
+    own: PositionFix, other_path_m: Floats, away_from_m: tuple[float, float], offset_m: float
 ) -> Floats:
     """Return the waiting position (1, 2), ahead and to one side.
 
-    The side is away from the fire, unless the other vehicle passes on that side.
+    The side is away from the fire, unless the path (n, 2) of the other vehicle is on that side.
     """
     speed = max(math.hypot(own.east_m_s, own.north_m_s), 0.1)
     ahead = np.array([own.east_m_s, own.north_m_s]) / speed
     right = np.array([ahead[1], -ahead[0]])
     fix = np.array([own.x_m, own.y_m])
     outwards = right if float(right @ (fix - away_from_m)) >= 0.0 else -right
-    start = np.array([other.x_m, other.y_m])
-    comes_by = along(start, start + AHEAD_S * np.array([other.east_m_s, other.north_m_s]))
     places = [fix + offset_m * (ahead / 3.0 + side) for side in (outwards, -outwards)]
-    clear_m = [float(np.hypot(*(comes_by - place).T).min()) for place in places]
+    clear_m = [float(np.hypot(*(other_path_m - place).T).min()) for place in places]
     chosen = places[0 if clear_m[0] >= min(offset_m / 2.0, clear_m[1]) else 1]
     return np.array([chosen])

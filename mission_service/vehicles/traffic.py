@@ -13,16 +13,20 @@ from mission_service.config.sections import VehicleSection
 from mission_service.fire.scenario_fire import fire_position
 from mission_service.missions.from_path import LeastAltitude
 from mission_service.missions.separation import (
+    AHEAD_S,
     MARGIN_M,
+    SPACING_M,
     Track,
     ahead_on,
     avoidance_position,
     comes_too_low,
+    descent_of,
     gives_way,
     has_passed,
     heights_below,
     is_near,
     places_of,
+    straight_on,
     track_of,
 )
 from mission_service.position_fix import PositionFix
@@ -35,6 +39,7 @@ TAKES_OFF_WITHIN_S = 60.0
 LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # distance and time of the flight to a waiting position
 WAITS_AT_MOST_S = 120.0
 STALE_S = 5.0  # an older position is not used
+DESCENDING = ("approach", "final", "going around")  # phases of a landing
 
 
 @dataclass(slots=True, eq=False)
@@ -45,6 +50,7 @@ class Flown:
     availability: VehicleAvailability
     home_m: tuple[float, float]
     track: Track | None = None
+    descent_m: Floats | None = None  # (n, 2) descent of the landing mission sent last
     sent: int = 0  # number of missions sent
     compared: tuple[int, ...] = ()  # ``sent`` of the vehicles below at the last comparison
     gave_way_to: str | None = None
@@ -88,9 +94,16 @@ class TrafficManager:
         flown.sent += 1
         flown.compared = self._missions_below(name)
 
+    def on_landing(self, name: str, items: tuple[MissionItem, ...]) -> None:
+        """Record a landing mission that is sent to the vehicle, instead of its mission."""
+        self.forget(name)
+        flown = self._all[name]
+        flown.descent_m = descent_of(items, self._landscape, flown.section.loiter_radius_m)
+
     def forget(self, name: str) -> None:
         """Delete the mission of a vehicle that lands or is on the ground."""
-        self._all[name].track = self._all[name].gave_way_to = None
+        flown = self._all[name]
+        flown.track = flown.gave_way_to = flown.descent_m = None
 
     def min_altitudes(self, name: str) -> LeastAltitude:
         """Return the function that gives the minimum altitude of a new mission at points (n, 2)."""
@@ -131,16 +144,18 @@ class TrafficManager:
         assert fix is not None
         if own.gave_way_to is not None and self._is_passing(own, self._all[own.gave_way_to]):
             return own.gave_way_to
+        others = (each for each in self._all if each != name)
         own.gave_way_to = next(
-            (other for other in self._all if other != name and self._has_right_of_way(name, other)),
-            None,
+            (each for each in others if self._has_right_of_way(name, each)), None
         )
         if own.gave_way_to is not None:
             offset_m = self._separation_m
             offset_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
-            other_fix = self._all[own.gave_way_to].availability.fix
-            assert other_fix is not None
-            own.waits_at = avoidance_position(fix, other_fix, self._fire_m, offset_m)
+            other = self._all[own.gave_way_to]
+            assert other.availability.fix is not None
+            descent_m = self._descent_above(fix, other)
+            path_m = straight_on(other.availability.fix) if descent_m is None else descent_m
+            own.waits_at = avoidance_position(fix, path_m, self._fire_m, offset_m)
             own.waits_since_s = fix.at_s
         return own.gave_way_to
 
@@ -148,6 +163,8 @@ class TrafficManager:
         fixes = _reported_fixes(own, other)
         if fixes is None or fixes[0].at_s - own.waits_since_s > WAITS_AT_MOST_S:
             return False
+        if self._descent_above(fixes[0], other) is not None:
+            return True
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
         return not has_passed(*fixes, self._separation_m, turn_m)
 
@@ -158,6 +175,11 @@ class TrafficManager:
             return False
         fix, other_fix = fixes
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
+        descent_m = self._descent_above(fix, other)
+        if descent_m is not None:
+            apart_m = _path_ahead(own, fix)[:, None] - descent_m
+            near_m = self._separation_m + turn_m
+            return bool(np.hypot(apart_m[..., 0], apart_m[..., 1]).min() < near_m)
         if other.gave_way_to is not None and other.waits_at is not None:
             x_m, y_m = other.waits_at[0]
             other_fix = replace(other_fix, x_m=x_m, y_m=y_m, east_m_s=0.0, north_m_s=0.0)
@@ -166,6 +188,14 @@ class TrafficManager:
             return False
         unable = not other.availability.flies or other.gave_way_to is not None
         return unable or gives_way(fix, other_fix, other_name in self._earlier[name])
+
+    def _descent_above(self, fix: PositionFix, other: Flown) -> Floats | None:
+        """Return the descent of a vehicle that lands from above a position, or None."""
+        other_fix = other.availability.fix
+        if other.availability.landing not in DESCENDING or other_fix is None:
+            return None
+        below = fix.altitude_m < other_fix.altitude_m + self._separation_m
+        return other.descent_m if below else None
 
     def _are_in_layers(self, own: Flown, other: Flown) -> bool:
         """Return whether two vehicles have different layers and have reached their layers."""
@@ -203,7 +233,9 @@ class TrafficManager:
             if other is own:
                 continue
             fix = other.availability.fix
-            if other.availability.airborne and fix is not None and at_s - fix.at_s < STALE_S:
+            if other.availability.landing in DESCENDING:
+                place = other.home_m
+            elif other.availability.airborne and fix is not None and at_s - fix.at_s < STALE_S:
                 place = (fix.x_m, fix.y_m)
             elif at_s - other.started_at_s < TAKES_OFF_WITHIN_S:
                 place = other.home_m
@@ -213,6 +245,15 @@ class TrafficManager:
                 return False
         own.started_at_s = at_s
         return True
+
+
+def _path_ahead(own: Flown, fix: PositionFix) -> Floats:
+    """Return points (n, 2) of a vehicle's path in the next ``AHEAD_S``, from its position."""
+    if own.track is None:
+        return straight_on(fix)
+    count = 2 + math.ceil(AHEAD_S * math.hypot(fix.east_m_s, fix.north_m_s) / SPACING_M)
+    ahead_m = ahead_on(own.track, fix.x_m, fix.y_m).points_m[:count]
+    return np.vstack([(fix.x_m, fix.y_m), ahead_m])
 
 
 def _reported_fixes(own: Flown, other: Flown) -> tuple[PositionFix, PositionFix] | None:

@@ -25,6 +25,7 @@ from mission_service.events import (
     OrderGiven,
     Resumed,
     SystemStateChanged,
+    Telemetry,
     UploadFinished,
     VehicleConnected,
     VehicleRebooted,
@@ -431,6 +432,26 @@ def test_at_one_field_the_second_waits_until_the_first_has_landed(land: Landscap
     begun = flight.at(CRUISE_M, second)
     assert [each.vehicle for each in landing_uploads(begun)] == [second]
     assert shown(begun) == ["sending"]
+
+
+def test_the_vehicle_at_the_front_keeps_clear_of_the_descent_of_another(land: Landscape) -> None:
+    """Between the order to land and the descent to its altitude it flies around the approach."""
+    flight = two(land)
+    flight.progress(2, "hawk")  # after its takeoff
+    (upload,) = landing_uploads(flight.order("land", "kite"))
+    flight.answer_uploads()
+    flight.mode("mission", "kite")
+    flight.at(2.0 * CRUISE_M, "kite")
+    assert flight.phase("kite") == "approach"
+    loiter = next(
+        item for item in upload.items if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT
+    )
+    place = (loiter.x / 1e7 - 0.001, loiter.y / 1e7)  # 110 m south of its centre
+    flight.at_s += 1.0
+    height = (flight.home_amsl_m("hawk") + CRUISE_M, CRUISE_M)
+    commands = flight.handle(Telemetry(flight.at_us, "hawk", *place, *height, 12.0, 0.0, 0.0))
+    why = [each.why for each in commands if isinstance(each, UploadMission)]
+    assert why == ["give way to kite"]
 
 
 def test_a_vehicle_that_waits_too_long_raises_an_alarm_and_waits_on(land: Landscape) -> None:

@@ -18,15 +18,21 @@ from mission_service.core.core import Core
 from mission_service.events import Telemetry, UploadFinished, VehicleConnected
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.missions.from_path import mission_along
+from mission_service.missions.landing_mission import landing_mission
 from mission_service.missions.separation import (
+    AROUND,
     avoidance_position,
+    descent_of,
     gives_way,
     has_passed,
     heights_below,
     is_near,
+    straight_on,
     track_of,
 )
 from mission_service.position_fix import PositionFix
+from mission_service.vehicles.availability import VehicleAvailability
+from mission_service.vehicles.traffic import TrafficManager
 
 SEPARATION_M = 30.0
 TURN_M = 60.0
@@ -76,10 +82,10 @@ def test_of_any_two_exactly_one_gives_way() -> None:
 
 def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_passed() -> None:
     own = fix(0, 0, 0, 15)
-    (place,) = avoidance_position(own, fix(0, 600, 0, -15), (-1000.0, 0.0), 400.0)
+    (place,) = avoidance_position(own, straight_on(fix(0, 600, 0, -15)), (-1000.0, 0.0), 400.0)
     assert place[0] == pytest.approx(400.0)
     assert place[1] > 0.0
-    (inwards,) = avoidance_position(own, fix(300, 100, 0, 15), (-1000.0, 0.0), 400.0)
+    (inwards,) = avoidance_position(own, straight_on(fix(300, 100, 0, 15)), (-1000.0, 0.0), 400.0)
     assert inwards[0] == pytest.approx(-400.0)
     assert not has_passed(own, fix(0, 600, 0, -15), SEPARATION_M, TURN_M)
     assert not has_passed(own, fix(0, -200, 0, -15), SEPARATION_M, TURN_M)
@@ -112,6 +118,50 @@ def test_a_higher_mission_is_laid_over_a_lower_one_where_they_cross(land: Landsc
         assert gap.min() >= SEPARATION_M
         gained += (alone.lowest_m - heights_below(alone.points_m, [below])).min() < SEPARATION_M
     assert gained > 0  # otherwise the test checks nothing
+
+
+def test_others_keep_clear_of_a_descent_before_the_plane_is_at_their_altitude(
+    land: Landscape,
+) -> None:
+    scenario = load_scenario("team")
+    own, lands = scenario.vehicles[:2]
+    home_m = np.array(land.xy_of_lat_lon(lands.home_lat_deg, lands.home_lon_deg))
+    mission = landing_mission(lands, land, (4.0, 0.0), tuple(home_m))
+    descent_m = descent_of(mission.items, land, lands.loiter_radius_m)
+    assert np.hypot(*(descent_m - home_m).T).min() < 200.0
+    centre = descent_m[:AROUND].mean(axis=0)
+    states = {each.name: VehicleAvailability() for each in scenario.vehicles}
+    traffic = TrafficManager(scenario, land, states)
+    for name in (own.name, lands.name):
+        states[name].online = states[name].airborne = True
+    ahead_m = 400.0 + lands.loiter_radius_m
+    states[own.name].fix = fix(centre[0] - ahead_m, centre[1], 18.0, 0.0, altitude_m=500.0)
+    states[lands.name].fix = fix(centre[0], centre[1], 0.0, 18.0, altitude_m=600.0)
+    assert traffic.give_way_to(own.name) is None  # 100 m apart
+    traffic.on_landing(lands.name, mission.items)
+    assert traffic.give_way_to(own.name) is None  # it does not land yet
+    states[lands.name].landing = "approach"
+    assert traffic.give_way_to(own.name) == lands.name
+    place = traffic.waits_at(own.name)[0]
+    assert np.hypot(*(descent_m - place).T).min() > 2.0 * SEPARATION_M
+    assert traffic.give_way_to(own.name) == lands.name  # until it has landed
+    states[own.name].fix = fix(centre[0] - ahead_m, centre[1], 18.0, 0.0, altitude_m=640.0)
+    assert traffic.give_way_to(own.name) is None  # above it
+    states[own.name].fix = fix(centre[0] - 2.0 * ahead_m, centre[1], -18.0, 0.0)
+    assert traffic.give_way_to(own.name) is None  # flies away from it
+
+
+def test_no_vehicle_takes_off_into_the_approach_of_another(land: Landscape) -> None:
+    scenario = load_scenario("team")
+    states = {each.name: VehicleAvailability() for each in scenario.vehicles}
+    traffic = TrafficManager(scenario, land, states)
+    lands, starts = scenario.vehicles[0].name, scenario.vehicles[1].name
+    states[lands].airborne = True
+    states[lands].fix = fix(0.0, 0.0, 18.0, 0.0)  # far from home
+    states[lands].landing = "approach"
+    assert not traffic.may_take_off(starts, 0.0)
+    states[lands].landing = "none"
+    assert traffic.may_take_off(starts, 0.0)
 
 
 class Flight:

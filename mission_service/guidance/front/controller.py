@@ -166,7 +166,7 @@ class FrontFlight(Guidance):
         for command in leaving:
             if isinstance(command, UploadMission):
                 if command.lands:
-                    self.traffic.forget(command.vehicle)
+                    self.traffic.on_landing(command.vehicle, command.items)
                 else:
                     self.traffic.on_mission(command.vehicle, command.items)
         names = vehicles if isinstance(event, OperatorEvent) else (event.vehicle,)
