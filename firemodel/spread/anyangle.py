@@ -29,6 +29,7 @@ fire spreads from the whole front.
 
 import bisect
 import copy
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Self
@@ -50,6 +51,7 @@ from firemodel.spread.anyangle_kernels import (
 )
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea, check_burning
+from firemodel.spread.firebrands import STEP_S, Firebrands
 from firemodel.spread.front import neighbours_of
 from firemodel.spread.labels import (
     ActivePaths,
@@ -92,7 +94,12 @@ SOME_POINTS = 10_000
 
 
 class AnyAngleFire(Fire):
-    """The default spread scheme, described in the module's docstring."""
+    """The default spread scheme, described in the module's docstring.
+
+    With ``firebrands``, burning crowns light spot fires.
+    """
+
+    firebrands: Firebrands | None = None
 
     def __init__(
         self,
@@ -283,7 +290,29 @@ class AnyAngleFire(Fire):
         self._changes_s.insert(self._entry, self.time_s)
         self.advance(self.time_s)
 
+    def draw_from(self, rng: np.random.Generator) -> None:
+        if self.firebrands is not None:
+            seed = int(rng.integers(2**63))
+            self.firebrands = dataclasses.replace(self.firebrands, seed=seed)
+
     def _burn_until(self, to_time_s: float) -> None:
+        if self.firebrands is not None:
+            for step in range(math.floor(self.time_s / STEP_S), math.floor(to_time_s / STEP_S)):
+                self._spread_until((step + 1) * STEP_S)
+                self._light_spot_fires(step * STEP_S, (step + 1) * STEP_S)
+        self._spread_until(to_time_s)
+
+    def _light_spot_fires(self, begin_s: float, end_s: float) -> None:
+        """Light the spot fires of the cells that burned in a step."""
+        assert self.firebrands is not None
+        weather, ground = self.weather.weather_at(end_s), self._ground
+        spread = ground.terrain, ground.tables, self._entry
+        for ignition in self.firebrands.spot_fires(
+            self.landscape, weather, self.arrival_time_s, (begin_s, end_s), spread
+        ):
+            self._light(ignition)
+
+    def _spread_until(self, to_time_s: float) -> None:
         while True:
             ignition_s = self._ignitions[-1][0] if self._ignitions else math.inf
             change_s = self._changes_s[self._entry]

@@ -9,27 +9,44 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from firemodel.errors import FireModelError
+
 if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape
+    from firemodel.physics import CrownMethod
     from firemodel.physics.weather import WeatherStream
     from firemodel.spread.fire_scheme import Burning, Fire, Ignition
+    from firemodel.spread.firebrands import Firebrands
 
 SchemeName = Literal["anyangle", "devs8", "probabilistic"]
 
 
 class Scheme(NamedTuple):
-    """The ``Fire`` class of a scheme, and the settings of the scheme."""
+    """The ``Fire`` class of a scheme, and the scheme's settings."""
 
     module: str
     fire: str  # the name of the class
-    settings: tuple[str, ...]  # keyword arguments, and keys of a scenario's table [fire]
+    arguments: tuple[str, ...]  # of the class; they are also keys of a scenario's table [fire]
     random: bool = False  # True if the class has the argument ``rng``, a random generator
+    emits_firebrands: bool = False  # True if the class has ``firebrands``
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """The settings of ``new_fire``, which are also keys of a scenario's table [fire]."""
+        return (*self.arguments, *SPOTTING) if self.emits_firebrands else self.arguments
 
 
 CROWN = ("crown", "foliar_moisture_pct")
+# 50 firebrands for a burning cell of 30 m (Perryman et al. 2013), of which 1 % land on receptive
+# fuel, as the lowest usual "ignition frequency" in FARSITE.
+FIREBRANDS_PER_HA, AIR_TEMPERATURE_C = 5.0, 25.0
+SPOTTING = ("spotting", "firebrands_per_ha", "air_temperature_c")
 SCHEMES: dict[SchemeName, Scheme] = {
     "anyangle": Scheme(
-        "firemodel.spread.anyangle", "AnyAngleFire", ("wind_limit", "precise", *CROWN)
+        "firemodel.spread.anyangle",
+        "AnyAngleFire",
+        ("wind_limit", "precise", *CROWN),
+        emits_firebrands=True,
     ),
     "devs8": Scheme("firemodel.spread.devs8", "Devs8Fire", ("wind_limit", *CROWN)),
     "probabilistic": Scheme(
@@ -56,8 +73,9 @@ def new_fire(
         weather: The weather from 0 s on.
         ignitions: (row, column, time in s) of each cell that is lit.
         burning: An initial fire that the model continues.
-        seed: Seed of the random generator, for schemes that use random numbers.
+        seed: Seed of the random generator, for schemes that use random numbers and for spotting.
         settings: The scheme's ``settings``, by name; omitted settings have their defaults.
+            ``spotting`` lets burning crowns emit ``firebrands_per_ha`` (``firebrands``).
 
     Returns:
         The fire, at 0 s or at the time of ``burning``.
@@ -71,7 +89,35 @@ def new_fire(
     scheme = SCHEMES[name]
     if scheme.random:
         settings["rng"] = np.random.default_rng(seed)
+    names = [name for name in SPOTTING if name in settings and scheme.emits_firebrands]
+    spotting = {name: settings.pop(name) for name in names}
+    firebrands = _firebrands(spotting, burning, seed, settings.get("crown", "none"))
     fire: Fire = getattr(import_module(scheme.module), scheme.fire)(
         landscape, weather, ignitions, burning, **settings
     )
+    if firebrands is not None:
+        setattr(fire, "firebrands", firebrands)  # noqa: B010  # only one scheme has it
     return fire
+
+
+def _firebrands(
+    settings: dict[str, Any],
+    burning: "Burning | None",
+    seed: int | tuple[int, ...],
+    crown: "CrownMethod",
+) -> "Firebrands | None":
+    """Return the firebrands of a fire; None without spotting."""
+    if not settings.get("spotting", False):
+        return None
+    if crown == "none":
+        raise FireModelError(
+            'spotting: only burning crowns emit firebrands; give crown, such as "scott_reinhardt"'
+        )
+    from firemodel.spread.firebrands import Firebrands
+
+    return Firebrands(
+        settings.get("firebrands_per_ha", FIREBRANDS_PER_HA),
+        settings.get("air_temperature_c", AIR_TEMPERATURE_C),
+        seed,
+        burning.at_s if burning else 0.0,
+    )

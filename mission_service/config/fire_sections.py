@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
 from firemodel.physics import CrownMethod
-from firemodel.spread.schemes import SchemeName
+from firemodel.spread.schemes import AIR_TEMPERATURE_C, FIREBRANDS_PER_HA, SchemeName
 from mission_service.config.relief_section import SimulatedBatteriesSection
 from mission_service.config.section_base import (
     Finite,
@@ -173,12 +173,13 @@ class FireSection(Section):
     With ``precise``, paths of the any-angle scheme may also bend in the middle of a cell's edge.
     ``crown`` is the method by which crown fire is computed, for landscapes with canopy layers;
     ``foliar_moisture_pct`` is the moisture of the needles, on which the ignition of crowns depends.
-    ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``.
-    ``perimeter_feature`` is the number of the only feature to use, if not all are used. With
-    ``repair_perimeter``, closed lines and invalid polygons become valid polygons. ``arrival`` is a
-    raster of arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. A fire
-    of the probabilistic scheme can also start with ``initial_cells`` cells, which are grown from
-    the ignitions.
+    With ``spotting``, burning crowns emit ``firebrands_per_ha``, which may ignite fuel at
+    ``air_temperature_c``. ``perimeter`` is a file with polygons of the area that has burned by
+    ``burning_at_s``. ``perimeter_feature`` is the number of the only feature to use, if not all are
+    used. With ``repair_perimeter``, closed lines and invalid polygons become valid polygons.
+    ``arrival`` is a raster of arrival times. ``p_spread`` and ``update_s`` apply to the
+    probabilistic scheme. A fire of the probabilistic scheme can also start with ``initial_cells``
+    cells, which are grown from the ignitions.
     """
 
     scheme: SchemeName = "anyangle"
@@ -186,6 +187,9 @@ class FireSection(Section):
     precise: bool = False
     crown: CrownMethod = "none"
     foliar_moisture_pct: Annotated[float, Field(ge=0, le=400)] = 100.0
+    spotting: bool = False
+    firebrands_per_ha: Annotated[float, Field(ge=0, le=1e5)] = FIREBRANDS_PER_HA
+    air_temperature_c: Annotated[float, Field(ge=-40, le=60)] = AIR_TEMPERATURE_C
     perimeter: Path | None = None
     perimeter_feature: Annotated[int, Field(ge=1)] | None = None
     repair_perimeter: bool = False
@@ -205,6 +209,8 @@ class FireSection(Section):
                 raise ValueError(f"{name} has no effect without perimeter; leave it out")
         if self.crown != "none" and self.scheme == "probabilistic":
             raise ValueError('crown has no effect with scheme = "probabilistic"; leave it out')
+        if self.spotting and (self.crown == "none" or self.scheme != "anyangle"):
+            raise ValueError('spotting requires crown and scheme = "anyangle"')
         if self.initial_cells is not None:
             if self.scheme != "probabilistic":
                 raise ValueError('initial_cells needs scheme = "probabilistic"')

@@ -68,6 +68,7 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ('scheme = "devs8"', 'arrival = "."', ["fire.arrival", "is a folder, not a file"]),
         ('scheme = "devs8"', 'perimeter = "missing.kml"', ["fire.perimeter", "no such file"]),
         ("seed = 1", 'weather_file = {path = "w.csv"}', ["either weather entries"]),
+        ('scheme = "devs8"', "spotting = true", ["fire", "spotting requires crown"]),
         ('scheme = "devs8"', "initial_cells = 9", ["fire", 'scheme = "probabilistic"']),
         (
             "airspeed_m_s = 12",
@@ -143,5 +144,6 @@ def test_each_spread_scheme_takes_its_settings_from_the_scenario() -> None:
     assert get_args(SchemeName) == tuple(SCHEMES)
     for scheme in SCHEMES.values():
         taken = signature(getattr(import_module(scheme.module), scheme.fire)).parameters
-        assert set(scheme.settings) <= set(taken) & set(FireSection.model_fields)
+        assert set(scheme.arguments) <= set(taken)
+        assert set(scheme.settings) <= set(FireSection.model_fields)
         assert scheme.random == ("rng" in taken)
