@@ -213,7 +213,7 @@ def new_estimate(
             scenario.estimate.members, scenario.seed, estimate_errors(scenario)
         ),
         burning=burning,
-        **{each: getattr(scenario.fire, each) for each in SCHEMES["anyangle"].settings},
+        **{each: getattr(scenario.fire, each) for each in SCHEMES["anyangle"].arguments},
     )
 
 
