@@ -13,7 +13,17 @@ from tests.firemodel.grids import write_raster
 from tests.firemodel.test_fuel_files import ENGLISH
 from tests.firemodel.test_perimeter_files import written
 from tests.firemodel.test_shapes import shapefile
-from tests.service.fires import CSV, LAND, LIT, POINT, TIFFS, write_scenario, write_site
+from tests.service.fires import (
+    CSV,
+    LAND,
+    LIT,
+    POINT,
+    SIZE,
+    TIFFS,
+    WEATHER,
+    write_scenario,
+    write_site,
+)
 from tests.service.test_cli import call
 from tests.service.test_fire_cli import arrival_s, burn
 
@@ -74,6 +84,27 @@ def test_dead_fuel_by_zones_changes_the_fire_and_needs_conditioning(tmp_path: Pa
     station = WIND + "conditioned = true\nstation_elevation_m = 100\n"
     result = call("config", "check", str(write_scenario(site, TIFFS, station, POINT)))
     assert "station_elevation_m has no effect" in result.stderr
+
+
+def test_crowns_burn_and_light_spot_fires_behind_a_barrier(tmp_path: Path) -> None:
+    fuel = np.full((SIZE, SIZE), 10)
+    fuel[:, 26:31] = 98
+    site = write_site(tmp_path, fuel=fuel)
+    canopy = {"cover": 0.2, "height": 20.0, "base": 0.5, "bulk_density": 0.15}
+    for name, value in canopy.items():
+        write_raster(site / f"{name}.tif", np.full((SIZE, SIZE), value, dtype=np.float32))
+    layers = "".join(f'canopy_{name} = "{name}.tif"\n' for name in canopy)
+    units = 'units = {canopy_cover = "fraction", canopy_height = "m", canopy_base = "m", '
+    trees = TIFFS + layers + units + 'canopy_bulk_density = "kg/m3"}\n'
+    windy = CSV + "live_herb_pct = 60\nlive_woody_pct = 90\n"
+    (site / "weather.csv").write_text(WEATHER.replace(",5,270", ",15,270"), encoding="utf-8")
+    crown = '[fire]\ncrown = "scott_reinhardt"\n'
+    over = []
+    for number, fire in enumerate((crown, crown + "spotting = true\nfirebrands_per_ha = 50\n")):
+        out = tmp_path / f"out{number}"
+        burn(write_scenario(site, trees, windy, POINT, fire), out)
+        over.append(int(np.count_nonzero(arrival_s(out)[:, 31:] >= 0)))
+    assert over[0] == 0 < over[1]
 
 
 def test_a_daily_weather_file_needs_and_uses_its_wind(tmp_path: Path) -> None:
