@@ -165,10 +165,12 @@ class ReportEnergy(Command, frozen=True, tag=True):
 
     ``time_on_task_s`` is the time until the vehicle must fly home, negative after this time, by
     ``source``. ``time_home_s`` is the time of the flight home; None if the wind prevents it.
+    ``time_landing_s`` is the time of the landing after the arrival at home.
     """
 
     time_on_task_s: int | None
     time_home_s: int | None
+    time_landing_s: int | None
     source: str
 
 

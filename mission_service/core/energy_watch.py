@@ -15,7 +15,7 @@ from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.availability import GOING_HOME, named_mode
 from mission_service.vehicles.endurance import home_s, usual_return_height_m
-from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
+from mission_service.vehicles.energy import EnergyEstimate, estimate, landing_s, times_left
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 from mission_service.vehicles.way_home import Vector
 
@@ -67,7 +67,7 @@ class EnergyWatch:
         state.flies_on, state.time_up_since_s = False, None
         shown, state.estimate = state.estimate is not None, None
         commands = [*_low(vehicle, None), *_overdue(vehicle, 0.0, led_home=False)]
-        return [*commands, ReportEnergy(vehicle.name, None, None, "")] if shown else commands
+        return [*commands, ReportEnergy(vehicle.name, None, None, None, "")] if shown else commands
 
     def _estimate(self, vehicle: Vehicle, event: events.Telemetry) -> EnergyEstimate | None:
         at_s, fix = event.at_us / 1e6, vehicle.availability.fix
@@ -104,14 +104,15 @@ def _report(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     state, found = vehicle.energy, vehicle.energy.estimate
     if found is None:
         was_reported, state.reported_at_s = state.reported_at_s > -math.inf, -math.inf
-        return [ReportEnergy(vehicle.name, None, None, "")] if was_reported else []
+        return [ReportEnergy(vehicle.name, None, None, None, "")] if was_reported else []
     if 0.0 <= at_s - state.reported_at_s < REPORT_EVERY_S:
         return []
     state.reported_at_s = at_s
     reachable = math.isfinite(found.time_home_s)
     home = round(found.time_home_s) if reachable else None
     on_task = round(found.time_on_task_s) if reachable else -1
-    return [ReportEnergy(vehicle.name, on_task, home, found.source)]
+    landing = round(landing_s(vehicle.section))
+    return [ReportEnergy(vehicle.name, on_task, home, landing, found.source)]
 
 
 def _low(vehicle: Vehicle, found: EnergyEstimate | None) -> list[AnyCommand]:

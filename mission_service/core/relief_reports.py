@@ -114,7 +114,8 @@ def _text(task: ReliefTask, member: TaskVehicle, vehicles: Vehicles, planned: st
         return "flies home" if vehicle.availability.online else "no link"
     if member.role is TaskRole.STANDS_BY and vehicle.waits_for_operator:
         return "waits for sign-off"
-    if member.role is TaskRole.STANDS_BY and (member.name != planned or present is None):
+    taken = task.one_with(TaskRole.RELIEVES, TaskRole.RESUMES) is not None
+    if member.role is TaskRole.STANDS_BY and (member.name != planned or present is None or taken):
         return "stands by"
     if member.role is TaskRole.ON_TASK:
         return "on task"

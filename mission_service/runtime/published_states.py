@@ -111,9 +111,13 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     return_height_m: float | None = None  # of a return by the autopilot's parameters, above home
     fence_action: str = ""  # reaction to a breached fence
     # In flight: the time until the vehicle must fly home (negative after this time), the time of
-    # the flight home (null: unknown, or the wind prevents it), and the source of the estimate.
+    # the flight home (null: unknown, or the wind prevents it) and of the landing, the mission time
+    # at which the vehicle must have landed (the reserve then remains), and the source of the
+    # estimate.
     time_on_task_s: int | None = None
     time_home_s: int | None = None
+    time_landing_s: int | None = None
+    must_land_at_us: int | None = None
     energy_source: str = ""
     # On the ground: the pre-flight checks, whether the next takeoff needs a person's sign-off, and
     # the person whose sign-off is in force.

@@ -498,8 +498,7 @@ class StateView(Notices):
                 vehicle.waits_for_signoff = command.waits
                 vehicle.signed_off_by = command.signed_off_by
             case ReportEnergy():
-                vehicle.time_on_task_s = command.time_on_task_s
-                vehicle.time_home_s, vehicle.energy_source = command.time_home_s, command.source
+                self._energy(vehicle, command)
             case ShowRelief():
                 vehicle.relief = command.text
             case ShowLanding():
@@ -507,6 +506,14 @@ class StateView(Notices):
                 vehicle.order = "hold" if command.holds else vehicle.order
         vehicle.at_us = self.at_us
         self._touch(f"vehicle/{vehicle.vehicle}")
+
+    def _energy(self, vehicle: VehicleState, command: ReportEnergy) -> None:
+        times_s = (command.time_on_task_s, command.time_home_s, command.time_landing_s)
+        vehicle.time_on_task_s, vehicle.time_home_s, vehicle.time_landing_s = times_s
+        known_s = [each for each in times_s if each is not None]
+        is_known = len(known_s) == len(times_s)
+        vehicle.must_land_at_us = self.at_us + sum(known_s) * 1_000_000 if is_known else None
+        vehicle.energy_source = command.source
 
     def _sent(self, name: str, command: UploadMission | ProposeMission) -> None:
         proposed = isinstance(command, ProposeMission)

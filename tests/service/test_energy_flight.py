@@ -149,7 +149,7 @@ def test_one_that_stays_away_although_its_time_is_up_is_overdue(
     assert ClearAlarm("hawk", "overdue") in fly(flight, 5.0)
     ended = flight.mode("return", armed=False)
     assert ClearAlarm("hawk", "energy") in ended
-    assert ReportEnergy("hawk", None, None, "") in ended
+    assert ReportEnergy("hawk", None, None, None, "") in ended
 
 
 def test_one_on_its_way_home_whose_energy_does_not_suffice_raises_a_severe_alarm(

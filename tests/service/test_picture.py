@@ -90,11 +90,17 @@ def test_a_low_battery_stays_an_alarm_until_the_vehicle_is_on_the_ground(
 
 
 def test_the_times_left_by_the_energy_are_shown_until_the_landing(state_view: StateView) -> None:
-    state_view.apply(LinkRestored(70, "hawk"), [ReportEnergy("hawk", 720, 180, "battery")])
+    state_view.apply(LinkRestored(70, "hawk"), [ReportEnergy("hawk", 720, 180, 60, "battery")])
     shown = state_view.vehicles["hawk"]
-    assert (shown.time_on_task_s, shown.time_home_s, shown.energy_source) == (720, 180, "battery")
-    state_view.apply(LinkRestored(80, "hawk"), [ReportEnergy("hawk", None, None, "")])
+    times_s = (shown.time_on_task_s, shown.time_home_s, shown.time_landing_s)
+    assert times_s == (720, 180, 60)
+    assert (shown.must_land_at_us, shown.energy_source) == (960_000_070, "battery")
+    against_the_wind = ReportEnergy("hawk", -1, None, 60, "battery")
+    state_view.apply(LinkRestored(75, "hawk"), [against_the_wind])
+    assert (shown.time_on_task_s, shown.must_land_at_us) == (-1, None)
+    state_view.apply(LinkRestored(80, "hawk"), [ReportEnergy("hawk", None, None, None, "")])
     assert (shown.time_on_task_s, shown.time_home_s, shown.energy_source) == (None, None, "")
+    assert (shown.time_landing_s, shown.must_land_at_us) == (None, None)
 
 
 def test_announcements_are_bounded_and_numbered(state_view: StateView) -> None:

@@ -25,6 +25,7 @@ import { VehiclesPanel } from "./panels/vehicles.ts";
 import { Pens } from "./pens.ts";
 import { replayBar } from "./replay_bar.ts";
 import { side } from "./side.ts";
+import { sortiesPanel } from "./sorties.ts";
 import { Store } from "./store.ts";
 import { timeBar } from "./time_bar.ts";
 import { takeToken, token } from "./token.ts";
@@ -57,6 +58,7 @@ function toggle(name: string, shown: boolean): void {
 const alarms = new Alarms(store);
 topBar(store, alarms, showHelp);
 clearingPanel(store);
+sortiesPanel(store);
 timeBar(store);
 replayBar(store);
 const toolbar = new Toolbar(store, () => pens);

@@ -19,6 +19,7 @@ import type {
   Telemetry,
   Vehicle,
 } from "./types.ts";
+import { clock } from "./units.ts";
 
 export type TrackPoint = [number, number, number]; // lon, lat, mission time in seconds
 
@@ -46,6 +47,8 @@ const MISSED_S = 5; // a longer interval between two positions of a vehicle: the
 export const TRACK_S = 900; // longer tracks would cover the fire
 const SILENT_MS = 15_000; // the service sends at least a comment each 10 s
 const HIDDEN_MS = 250;
+const RATE_MS = 3000; // interval in which the rate of mission time is measured
+const RATE_TOLERANCE = 0.3;
 
 /** A replay has jumped to another time: the complete state must be read again. */
 class Jumped extends Error {}
@@ -75,6 +78,8 @@ export class Store {
   receivedAt = 0; // performance.now() of the last received data
   private atUs = 0;
   private advancedAt = 0; // performance.now() of the last advance of mission time
+  private rateFrom: [number, number] = [0, 0]; // mission time in microseconds, and performance.now()
+  private isRealTime = false;
   private listeners: { topics: Set<Topic>; act: () => void }[] = [];
   private dirty = new Set<Topic>();
   private waiting = false;
@@ -291,10 +296,23 @@ export class Store {
   }
 
   private advance(atUs: number): void {
-    if (atUs > this.atUs) {
-      this.atUs = atUs;
-      this.advancedAt = performance.now();
+    if (atUs <= this.atUs) return;
+    const now = performance.now();
+    // Compare both clocks over at least RATE_MS.
+    if (!this.atUs) [this.rateFrom, this.isRealTime] = [[atUs, now], false];
+    const [fromUs, from] = this.rateFrom;
+    if (now - from >= RATE_MS) {
+      this.isRealTime = Math.abs((atUs - fromUs) / 1000 / (now - from) - 1) < RATE_TOLERANCE;
+      this.rateFrom = [atUs, now];
     }
+    [this.atUs, this.advancedAt] = [atUs, now];
+  }
+
+  /** A mission time as text: of the day while mission time passes as real time, otherwise "time 1:05". */
+  clockText(atS: number): string {
+    if (!this.isRealTime || this.state?.replay) return `time ${clock(atS)}`;
+    const at = new Date(Date.now() + (atS - this.nowS) * 1000);
+    return `${String(at.getHours()).padStart(2, "0")}:${String(at.getMinutes()).padStart(2, "0")}`;
   }
 
   /** Seconds since the last advance of mission time, by the wall clock. */

@@ -49,6 +49,8 @@ export interface Vehicle {
   fence_action: string;
   time_on_task_s: number | null; // until it must fly home; negative after this time
   time_home_s: number | null; // of the flight home
+  time_landing_s: number | null;
+  must_land_at_us: number | null; // the reserve then remains
   energy_source: string;
   checks: Check[]; // pre-flight checks, on the ground
   waits_for_signoff: boolean; // whether the next takeoff needs a sign-off

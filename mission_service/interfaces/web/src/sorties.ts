@@ -1,0 +1,174 @@
+// The timeline of sorties below the map: which vehicle must land next and when, and a row for each
+// vehicle with its time on task, its flight home and its landing, on one axis from now.
+
+import { byId, fill, h, setText } from "./dom.ts";
+import { failingChecks } from "./panels/preflight.ts";
+import type { Store } from "./store.ts";
+import type { Vehicle } from "./types.ts";
+
+const WIDE = "(width >= 900px) and (height >= 500px)";
+const SOON_S = 300; // from then on a row is marked
+const MIN_AXIS_S = 600;
+const TICKS_S = [120, 300, 600, 900, 1800, 3600, 7200, 14_400];
+const MAX_TICKS = 6;
+const LAST_TICK = 0.85; // the text of a later mark would be beyond the axis
+
+type Urgency = "" | "soon" | "late";
+
+/** One vehicle: its place in the order of landings, its texts, and the parts of its bar. */
+interface Row {
+  name: string;
+  rank: number; // in the air with a time, in the air without, on the ground
+  atS: number; // mission time of the landing, for the order
+  sentence: string; // "must land in 12 min (14:32)"
+  when: string; // "in 12 min (14:32)"
+  note: string;
+  urgency: Urgency;
+  partsS: [string, number, number][]; // name, begin and end from now
+}
+
+export function sortiesPanel(store: Store): void {
+  const title = h("strong", { id: "next-landing" });
+  const axis = h("div", { class: "axis", "aria-hidden": "true" });
+  const list = h("ol");
+  const legend = h(
+    "span",
+    { class: "keys", "aria-hidden": "true" },
+    ...["on task", "flies home", "lands"].map((name) => h("span", {}, h("i", { class: classOf(name) }), name)),
+  );
+  const details = h("details", { open: matchMedia(WIDE).matches }, h("summary", {}, title, legend), axis, list);
+  byId("sorties").append(details);
+  let shown = "";
+  const renew = (): void => {
+    const vehicles = [...store.vehicles.values()];
+    byId("sorties").hidden = vehicles.length === 0;
+    const rows = vehicles.map((one) => rowOf(store, one, vehicles));
+    rows.sort((a, b) => a.rank - b.rank || a.atS - b.atS || a.name.localeCompare(b.name));
+    setText(title, titleOf(rows));
+    byId("sorties").className = rows[0]?.urgency ?? "";
+    const text = JSON.stringify(rows);
+    if (text === shown) return;
+    shown = text;
+    const lengthS = Math.max(MIN_AXIS_S, ...rows.flatMap((row) => row.partsS.map(([, , end]) => end)));
+    const isFlying = rows.some((row) => row.partsS.length > 0);
+    axis.hidden = !isFlying;
+    fill(axis, h("span"), isFlying && ticksOf(lengthS));
+    fill(list, ...rows.map((row, i) => elementOf(row, lengthS, i === 0)));
+  };
+  store.on(["vehicle", "telemetry", "status", "alarms"], renew);
+}
+
+const classOf = (part: string): string => part.replaceAll(" ", "-");
+
+function elementOf(row: Row, lengthS: number, isFirst: boolean): HTMLElement {
+  const bar = h("span", { class: "bar", "aria-hidden": "true" });
+  for (const [part, begin, end] of row.partsS) {
+    const piece = h("i", { class: classOf(part) });
+    piece.style.left = `${(100 * begin) / lengthS}%`; // a script: the policy permits no style in markup
+    piece.style.width = `${(100 * (end - begin)) / lengthS}%`;
+    bar.append(piece);
+  }
+  return h(
+    "li",
+    { class: row.urgency, "aria-current": isFirst && row.rank === 0 },
+    h("strong", {}, row.name),
+    bar,
+    h("span", { class: "when" }, row.when),
+    h("span", { class: "note" }, row.note),
+  );
+}
+
+/** Marks at round times from now. */
+function ticksOf(lengthS: number): HTMLElement {
+  const everyS = TICKS_S.find((each) => lengthS / each <= MAX_TICKS) ?? TICKS_S.at(-1)!;
+  const marks = h("span", { class: "bar" });
+  for (let atS = 0; atS < LAST_TICK * lengthS; atS += everyS) {
+    const mark = h("i", {}, atS ? `${atS / 60} min` : "now");
+    mark.style.left = `${(100 * atS) / lengthS}%`;
+    marks.append(mark);
+  }
+  return marks;
+}
+
+/** The sentence of the vehicle that lands next, and the vehicles of which this is unknown. */
+function titleOf(rows: Row[]): string {
+  const unknown = rows.filter(({ rank }) => rank === 1).map(({ name }) => name);
+  const first = rows[0];
+  if (first?.rank === 0) {
+    const others = unknown.length ? `; unknown: ${unknown.join(", ")}` : "";
+    return `${first.name} ${first.sentence}${others}`;
+  }
+  if (unknown.length) return `Unknown when ${unknown.join(", ")} must land`;
+  return rows.length === 1 ? `${first?.name} is on the ground` : "All vehicles are on the ground";
+}
+
+function rowOf(store: Store, vehicle: Vehicle, all: Vehicle[]): Row {
+  const base = { name: vehicle.vehicle, atS: Infinity, partsS: [], urgency: "" as Urgency, note: noteOf(vehicle, all) };
+  // In the air a vehicle has no checks.
+  if (!vehicle.armed || vehicle.checks.length) {
+    const atS = /^(relieves|takes off|resumes)/.test(vehicle.relief) ? 0 : Infinity; // the next one first
+    return { ...base, rank: 2, atS, sentence: "", when: groundText(vehicle), note: groundNote(vehicle) };
+  }
+  const { time_on_task_s: onTaskS, time_home_s: homeS, time_landing_s: landingS, must_land_at_us: mustUs } = vehicle;
+  if (onTaskS === null) {
+    return { ...base, rank: 1, sentence: "", when: "unknown: no estimate of its energy" };
+  }
+  if (homeS === null || landingS === null || mustUs === null) {
+    const when = "no way home against the wind";
+    return { ...base, rank: 0, atS: -Infinity, sentence: `has ${when}`, when, urgency: "late" };
+  }
+  // A vehicle on its way home lands before it must.
+  const isEarly = goesHome(vehicle) && onTaskS > 0;
+  const atS = mustUs / 1e6 - (isEarly ? onTaskS : 0);
+  const inS = atS - store.nowS;
+  const leavesS = isEarly ? 0 : Math.max(0, inS - landingS - homeS);
+  const landsS = Math.max(0, inS - landingS);
+  const parts: [string, number, number][] = [["on task", 0, leavesS], ["flies home", leavesS, landsS], ["lands", landsS, inS]];
+  const when = inS < 0 ? `${minutes(-inS)} ago (${store.clockText(atS)})` : `in ${minutes(inS)} (${store.clockText(atS)})`;
+  return {
+    ...base,
+    rank: 0,
+    atS,
+    sentence: inS < 0 ? `should have landed ${when}` : `${isEarly ? "lands" : "must land"} ${when}`,
+    when,
+    urgency: inS < 0 || (onTaskS <= 0 && !goesHome(vehicle)) ? "late" : inS < SOON_S ? "soon" : "",
+    partsS: parts.filter(([, begin, end]) => end > begin).map(([name, begin, end]) => [name, round(begin), round(end)]),
+  };
+}
+
+// The bars move in steps of 10 s, so that the rows are not drawn again at each position.
+const round = (s: number): number => Math.round(s / 10) * 10;
+
+/** Whole minutes, rounded down: a landing is never shown later than it must be. */
+const minutes = (s: number): string => (s < 60 ? "less than 1 min" : `${Math.floor(s / 60)} min`);
+
+const goesHome = ({ order, landing, relief }: Vehicle): boolean =>
+  landing !== "" || order === "return" || order === "land" || relief === "flies home";
+
+/** In the air: the link, the order, and the vehicle that relieves this one. */
+function noteOf(vehicle: Vehicle, all: Vehicle[]): string {
+  const next = all.find((other) => other.relief.startsWith(`relieves ${vehicle.vehicle}`));
+  const parts = [
+    vehicle.link === "lost" ? "LINK LOST" : "",
+    (vehicle.time_on_task_s ?? 1) <= 0 && !goesHome(vehicle) ? "must fly home now" : "",
+    vehicle.landing ? `landing: ${vehicle.landing}` : vehicle.order ? `order: ${vehicle.order}` : vehicle.relief,
+    next ? `relieved by ${next.vehicle}${next.relief.slice(`relieves ${vehicle.vehicle}`.length)}` : "",
+  ];
+  return parts.filter((part) => part !== "").join(", ");
+}
+
+/** On the ground: whether the vehicle can take off, or what it waits for. */
+function groundText(vehicle: Vehicle): string {
+  if (vehicle.link === "never heard") return "no heartbeat yet";
+  if (vehicle.link === "lost") return "on the ground, link lost";
+  const failing = failingChecks(vehicle);
+  if (failing.length) return `not ready: ${failing.map((check) => check.name).join(", ")}`;
+  if (vehicle.relief.startsWith("waits for")) return vehicle.relief;
+  if (vehicle.waits_for_signoff) return "waits for sign-off";
+  return vehicle.checks.length ? "ready" : "on the ground";
+}
+
+function groundNote({ relief, battery_pct }: Vehicle): string {
+  const task = relief.startsWith("waits for") ? "" : relief;
+  return [task, battery_pct === null ? "" : `battery ${battery_pct.toFixed(0)} %`].filter((part) => part !== "").join(", ");
+}
