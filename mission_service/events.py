@@ -321,6 +321,16 @@ class EstimatorStatusChanged(Event, frozen=True, tag=True):
     problems: tuple[str, ...]
 
 
+class RemoteIdChanged(Event, frozen=True, tag=True):
+    """The state of the vehicle's Remote ID module has changed.
+
+    ``text`` is the module's error, or how the state was found; it may be empty.
+    """
+
+    state: Literal["ready", "fails", "lost"]
+    text: str
+
+
 class ParametersReported(Event, frozen=True, tag=True):
     """The autopilot's parameters of the reaction to a lost link and of the return were read.
 
@@ -752,6 +762,7 @@ VehicleEvent = (
     | LandedStateChanged
     | FenceStatusChanged
     | EstimatorStatusChanged
+    | RemoteIdChanged
     | ParametersReported
     | AircraftReported
     | DropFinished

@@ -37,6 +37,7 @@ from autopilot_bridge.vehicle.client_events import (
     LinkRestored,
     ModeChanged,
     Rebooted,
+    RemoteIdStatus,
     TransferFinished,
 )
 from autopilot_bridge.vehicle.command_queue import ParameterQueue
@@ -44,6 +45,7 @@ from autopilot_bridge.vehicle.message_rates import rate_requests
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.orders import Dropper, OrderContext, order_named
 from autopilot_bridge.vehicle.remote_binding import RemoteBinding
+from autopilot_bridge.vehicle.remote_id import RemoteIdMonitor, is_of_remote_id
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
 NOT_FOUND = "MAVSDK has not detected the vehicle"
@@ -86,6 +88,7 @@ class MavsdkClient:
         self._clock = clock
         self._target = (system_id, AUTOPILOT)
         self._monitor = VehicleMonitor(HEARTBEAT_TIMEOUT_US, max_speed_m_s)
+        self._remote_id = RemoteIdMonitor()
         self._codec = Codec(*MAVSDK_IDS)
         self._outgoing: list[bytes] = []
         self._events: deque[ClientEvent] = deque()
@@ -243,14 +246,18 @@ class MavsdkClient:
                     continue
             if remote == source.remote:
                 self._events.extend(
-                    event for each in messages if (event := self._camera(each, now_us))
+                    event for each in messages for event in self._component(each, now_us)
                 )
                 self._system.receive_frame(frame)
 
-    def _camera(self, message: Message, now_us: int) -> CameraEvent | None:
-        """Return the event of a message from the vehicle's camera or gimbal, or None."""
-        ours = message.get_srcSystem() == self._target[0] and self.stack is not None
-        return camera_event(message, now_us) if ours else None
+    def _component(self, message: Message, now_us: int) -> list[CameraEvent | RemoteIdStatus]:
+        """Return the events of a message from the vehicle's camera, gimbal or Remote ID module."""
+        if message.get_srcSystem() != self._target[0] or self.stack is None:
+            return []
+        if is_of_remote_id(message):
+            return [*self._remote_id.receive(message, now_us)]
+        event = camera_event(message, now_us)
+        return [] if event is None else [event]
 
     def _receive(self, message: Message, now_us: int) -> None:
         mode = self._monitor.custom_mode
@@ -293,6 +300,7 @@ class MavsdkClient:
         timers = (
             self._monitor.next_timer(),
             self._monitor.alarm_timer(),
+            self._remote_id.next_timer(),
             self._parameters.next_timer(),
             alarms_us,
         )
@@ -303,6 +311,7 @@ class MavsdkClient:
         self._events.extend(self._monitor.handle_timer(now_us))
         self._send_own(self._parameters.handle_timer(now_us))
         self._events.extend(self._monitor.end_alarms(now_us))
+        self._events.extend(self._remote_id.handle_timer(now_us))
         if self._source is not None:
             self._source.handle_timer(now_us)
             self._events.extend(self._source.alarms)

@@ -34,6 +34,7 @@ from autopilot_bridge.vehicle.drop_sender import DropSender
 from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, MessageRates, RatesHz
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
+from autopilot_bridge.vehicle.remote_id import RemoteIdMonitor, is_of_remote_id
 from autopilot_bridge.vehicle.statustext import StatustextAssembler
 from autopilot_bridge.vehicle.transfer_queue import TransferQueue
 from autopilot_bridge.vehicle.transfer_states import Job, StartItem, VehicleState
@@ -73,6 +74,7 @@ class NativeClient:
         self._own = (system_id, component_id)
         self._target_system = target_system
         self._monitor = VehicleMonitor(heartbeat_timeout_us, max_speed_m_s)
+        self._remote_id = RemoteIdMonitor()
         self._texts = StatustextAssembler()
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
@@ -224,6 +226,10 @@ class NativeClient:
     def receive_message(self, message: Message, now_us: int) -> None:
         """Process a message from any sender on the link."""
         kind = message.get_type()
+        if is_of_remote_id(message):
+            if self.stack is not None and message.get_srcSystem() == self._target_system:
+                self._events.extend(self._remote_id.receive(message, now_us))
+            return
         if kind in COMPONENT_MESSAGES and message.get_srcSystem() == self._target_system:
             self._receive_component(message, now_us)
             if kind == ADSB_VEHICLE:
@@ -255,6 +261,7 @@ class NativeClient:
             self._drops.next_timer(),
             self._parameters.next_timer(),
             self._monitor.alarm_timer(),
+            self._remote_id.next_timer(),
             lost_us,
             # No requests are sent on a lost link.
             None if lost_us is None else self._rates.next_timer(),
@@ -271,6 +278,7 @@ class NativeClient:
             self._send(gcs_heartbeat())
         self._events.extend(self._monitor.handle_timer(now_us))
         self._events.extend(self._monitor.end_alarms(now_us))
+        self._events.extend(self._remote_id.handle_timer(now_us))
         if self._monitor.next_timer() is not None:
             self._send(*self._rates.handle_timer(now_us))
         self._send(*self._jobs.handle_timer(now_us))

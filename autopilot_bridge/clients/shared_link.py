@@ -24,6 +24,7 @@ from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.monitor import AUTOPILOT
 from autopilot_bridge.vehicle.remote_binding import RemoteBinding
+from autopilot_bridge.vehicle.remote_id import is_of_remote_id
 from autopilot_bridge.vehicle.telemetry import MESSAGES
 
 HEARTBEAT_TIMEOUT_US = 3_000_000
@@ -104,7 +105,8 @@ class SharedLink:
         touched: dict[int, bool] = {}
         for message in messages:
             kind = message.get_type()
-            if message.get_srcComponent() != AUTOPILOT and kind not in COMPONENT_MESSAGES:
+            of_component = kind in COMPONENT_MESSAGES or is_of_remote_id(message)
+            if message.get_srcComponent() != AUTOPILOT and not of_component:
                 continue
             system = message.get_srcSystem()
             client = self.clients.get(system) or self._detected(message, system)

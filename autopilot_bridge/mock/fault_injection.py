@@ -17,6 +17,7 @@ GROUND = (255, 190)  # the ids of the station under test
 SECOND_GROUND = (254, 190)
 OTHER_COMPONENT = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 SECOND = 1_000_000
+REMOTE_ID_ERROR = "operator location missing"
 
 
 class FaultyMock:
@@ -29,6 +30,8 @@ class FaultyMock:
         self.mock = mock
         self.faults = faults
         mock.missions.faults = faults
+        if faults.remote_id_error or faults.remote_id_loss:
+            mock.telemetry.remote_id_error = ""  # a module that is ready
         self._up, self._down = (
             MemoryLink(
                 faults.loss,
@@ -59,6 +62,8 @@ class FaultyMock:
             (faults.gps_loss, self._lose_gps),
             (faults.fence_breach, self._breach_fence),
             (faults.engine_failure, self._fail_engine),
+            (faults.remote_id_error, partial(self._set_remote_id, REMOTE_ID_ERROR)),
+            (faults.remote_id_loss, partial(self._set_remote_id, None)),
         ):
             for start_s, end_s in spans:
                 self._due += [(start_s, partial(switch, True)), (end_s, partial(switch, False))]
@@ -138,6 +143,9 @@ class FaultyMock:
 
     def _fail_engine(self, failed: bool, _now_us: int) -> None:
         self.mock.flight.fail_engine(failed)
+
+    def _set_remote_id(self, error: str | None, failed: bool, _now_us: int) -> None:
+        self.mock.telemetry.remote_id_error = error if failed else ""
 
     def _breach_fence(self, breached: bool, _now_us: int) -> None:
         self.mock.breach_fence(breached)

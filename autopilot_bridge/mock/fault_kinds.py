@@ -36,16 +36,22 @@ class Faults:
     battery_emergency: list[float] = field(default_factory=list)
     fence_breach: list[Span] = field(default_factory=list)
     engine_failure: list[Span] = field(default_factory=list)
+    remote_id_error: list[Span] = field(default_factory=list)
+    remote_id_loss: list[Span] = field(default_factory=list)
 
 
 FORMS = (
     "loss=SHARE, duplication=SHARE, delay=S, jitter=S, late-ack=S, refuse=ITEM:CODE, "
     "silent-after=MESSAGES, silence@FROM..TO, gps-loss@FROM..TO, fence-breach@FROM..TO, "
-    "engine-failure@FROM..TO, reboot@S, battery-low@S, battery-emergency@S, "
+    "engine-failure@FROM..TO, remote-id-error@FROM..TO, remote-id-loss@FROM..TO, reboot@S, "
+    "battery-low@S, battery-emergency@S, "
     "stray-ack@S, second-upload@S, second-download@S"
 )
 _SECONDS = {"delay": "delay_s", "jitter": "jitter_s", "late-ack": "late_ack_s"}
-_SPANS = ("silence", "gps-loss", "fence-breach", "engine-failure")
+_SPANS = (
+    *("silence", "gps-loss", "fence-breach", "engine-failure"),
+    *("remote-id-error", "remote-id-loss"),
+)
 _TIMES = (
     *("reboot", "battery-low", "battery-emergency"),
     *("stray-ack", "second-upload", "second-download"),

@@ -46,6 +46,8 @@ class TelemetrySender:
         send: Callable[..., None],
     ) -> None:
         self.unhealthy = 0  # bits of the unhealthy sensors in SYS_STATUS
+        # The error of a Remote ID module on CAN, which the autopilot reports; None: no module.
+        self.remote_id_error: str | None = None
         self._stack = stack
         self._missions = missions
         self._intervals = intervals
@@ -63,6 +65,7 @@ class TelemetrySender:
         self.send_texts(flight)
         if steps % HEARTBEAT_EVERY_STEPS == 1:
             self._heartbeat(flight)
+            self._send_remote_id()
             self.send_current(flight)
         elif self._sent_current != (flight.current, *self._missions.progress()):
             self.send_current(flight)
@@ -126,6 +129,10 @@ class TelemetrySender:
                 self._stack.mav_type, self._stack.autopilot, base_mode, custom_mode, state, 3
             )
         )
+
+    def _send_remote_id(self) -> None:
+        if self.remote_id_error is not None:
+            self._send(telemetry_source.remote_id(self.remote_id_error))
 
     def _position(self, flight: FlightModel, steps: int) -> None:
         motion, frame = flight.motion, flight.frame

@@ -141,3 +141,11 @@ def gps_raw(
     """Return a GPS_RAW_INT."""
     place = (round(lat_deg * 1e7), round(lon_deg * 1e7), round(altitude_amsl_m * 1e3))
     return mavlink.MAVLink_gps_raw_int_message(boot_us, fix, *place, 121, 200, 0, 0, satellites)
+
+
+def remote_id(error: str) -> Message:
+    """Return an OPEN_DRONE_ID_ARM_STATUS; an empty error means that the module is ready."""
+    status = mavlink.MAV_ODID_ARM_STATUS_PRE_ARM_FAIL_GENERIC
+    if not error:
+        status = mavlink.MAV_ODID_ARM_STATUS_GOOD_TO_ARM
+    return mavlink.MAVLink_open_drone_id_arm_status_message(status, error.encode()[:50])

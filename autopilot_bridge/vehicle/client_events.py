@@ -10,6 +10,7 @@ from autopilot_bridge.vehicle.camera_telemetry import CameraEvent
 from autopilot_bridge.vehicle.parameters import ParametersResult
 
 DropOutcome = Literal["done", "refused", "unknown"]
+RemoteIdState = Literal["ready", "fails", "lost"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +171,19 @@ class EstimatorStatus(Status):
     problems: tuple[str, ...]
 
 
-StatusEvent = SystemState | LandedState | FenceStatus | EstimatorStatus
+@dataclass(frozen=True, slots=True)
+class RemoteIdStatus(Status):
+    """The state of the vehicle's Remote ID module, reported on change.
+
+    ``text`` is the module's error, or how the state was found; "" if it reports no error.
+    """
+
+    at_us: int
+    state: RemoteIdState
+    text: str
+
+
+StatusEvent = SystemState | LandedState | FenceStatus | EstimatorStatus | RemoteIdStatus
 TelemetryEvent = Position | Attitude | Speed | Wind | Battery | Health | GpsFix | StatusEvent
 
 

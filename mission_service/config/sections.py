@@ -227,10 +227,12 @@ class PreflightSection(Section):
     """The sign-off of pre-flight checks before a takeoff.
 
     With ``signoff = "each"`` an operator signs off every takeoff. With "standing" the scenario's
-    ``autostart`` is the sign-off of each vehicle's first takeoff.
+    ``autostart`` is the sign-off of each vehicle's first takeoff. With ``remote_id`` a vehicle
+    takes off only while its Remote ID module is ready.
     """
 
     signoff: Literal["standing", "each"] = "standing"
+    remote_id: bool = False
 
 
 class LinkSection(Section):

@@ -18,7 +18,8 @@ OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
 # ArduCopter sends this text with severity critical after each change of the mission that it flies.
 OF_UPLOADS, AFTER_UPLOAD_S = "Auto mission changed, restarted command", 5.0
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
-LANDED, THRUST = "landed", "thrust"
+LANDED, THRUST, REMOTE_ID = "landed", "thrust", "remote_id"
+REMOTE_ID_AFTER_S = 3.0  # the module reports once a second, also after an interruption of the link
 
 
 def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
@@ -36,6 +37,9 @@ def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
         case events.EstimatorStatusChanged():
             words = f"its position estimate is unhealthy: {', '.join(event.problems)}"
             return _alarm(vehicle, ESTIMATOR, not event.healthy, words, "severe")
+        case events.RemoteIdChanged():
+            vehicle.remote_id.state, vehicle.remote_id.text = event.state, event.text
+            return []
         case events.ThrustStatusChanged():
             failed = vehicle.availability.airborne and not event.sufficient
             sinks = f"sinks by {-event.climb_m_s:g} m/s at {event.throttle_percent} % of throttle"
@@ -68,6 +72,28 @@ def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
 def back_under_control(vehicle: Vehicle) -> list[AnyCommand]:
     """Clear the alarms about a mode that was not ordered."""
     return [ClearAlarm(vehicle.name, MODE), ClearAlarm(vehicle.name, LANDED)]
+
+
+def remote_id_watched(vehicle: Vehicle, required: bool, at_s: float) -> list[AnyCommand]:
+    """Raise the alarm about a required Remote ID module that is not ready in flight, or clear it.
+
+    Args:
+        vehicle: The vehicle, which has reported its position.
+        required: Whether the scenario requires Remote ID.
+        at_s: Mission time.
+    """
+    report = vehicle.remote_id
+    if not required or not vehicle.availability.airborne or report.state == "ready":
+        report.problem_since_s = None
+        cleared, report.alarm = report.alarm, ""
+        return [ClearAlarm(vehicle.name, REMOTE_ID)] if cleared else []
+    if report.problem_since_s is None:
+        report.problem_since_s = at_s
+    words = f"Remote ID: {report.state_in_words}"
+    if words == report.alarm or at_s - report.problem_since_s < REMOTE_ID_AFTER_S:
+        return []
+    report.alarm = words
+    return _alarm(vehicle, REMOTE_ID, True, words, "severe")
 
 
 def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:

@@ -23,6 +23,7 @@ from mission_service.core.airspace_guard import AirspaceGuard
 from mission_service.core.airspeed_watch import airspeed_compared
 from mission_service.core.autopilot_reports import (
     back_under_control,
+    remote_id_watched,
     reported,
     taken_over,
     texts_over,
@@ -297,6 +298,7 @@ class Core:
         self, vehicle: Vehicle, at_s: float, decision: Decision | None, was: "_Was"
     ) -> list[AnyCommand]:
         commands = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
+        commands += remote_id_watched(vehicle, self.scenario.preflight.remote_id, at_s)
         if vehicle.availability.airborne and not was.airborne:
             vehicle.start_again_at_s = None  # the takeoff was the start that was due
             commands += self._found_in_air(vehicle, was)

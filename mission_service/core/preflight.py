@@ -45,6 +45,7 @@ CHANGES = (
     events.EstimatorStatusChanged,
     events.SystemStateChanged,
     events.FenceStatusChanged,
+    events.RemoteIdChanged,
     events.ParametersReported,
     events.UploadFinished,
     events.MissionReadBack,
@@ -63,6 +64,7 @@ class Preflight:
         aircraft: OtherAircraft | None,
     ) -> None:
         self._applies = not scenario.way.prescribed
+        self._requires_remote_id = scenario.preflight.remote_id
         self._landscape = landscape
         self._energy = energy
         self._airspace = airspace
@@ -139,6 +141,7 @@ class Preflight:
             self._airspace.departure_obstacle(vehicle, at_s),
             aircraft is not None,
             None if aircraft is None else aircraft.nearest(vehicle.name),
+            self._requires_remote_id,
         )
         state.checks, state.computed_at_s = checks_of(vehicle, departure), at_s
         return state.checks

@@ -54,6 +54,7 @@ VEHICLE = VehicleState(
     armed=True,
     current_seq=3,
     battery_pct=71.0,
+    remote_id="ready",
     time_on_task_s=1240,
     time_home_s=185,
     time_landing_s=97,

@@ -50,6 +50,7 @@ from mission_service.events import (
     MissionProgress,
     MissionReadBack,
     ModeChanged,
+    RemoteIdChanged,
     SystemStateChanged,
     Telemetry,
     UploadFinished,
@@ -77,7 +78,11 @@ BATTERY_EVERY_US = 30_000_000  # between reports of an unchanged charge
 MAX_AIRCRAFT_KEPT = 5000  # reports of other aircraft between two calls of the engine
 
 StatusChanged = (
-    SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
+    SystemStateChanged
+    | LandedStateChanged
+    | FenceStatusChanged
+    | EstimatorStatusChanged
+    | RemoteIdChanged
 )
 
 # If a vehicle's clock lags behind mission time by BEHIND_US for BEHIND_FOR_US, that clock's time is
@@ -480,6 +485,8 @@ class Gateway:
                 status = FenceStatusChanged(now_us, self.name, event.breached, event.kind)
             case bridge.EstimatorStatus():
                 status = EstimatorStatusChanged(now_us, self.name, event.healthy, event.problems)
+            case bridge.RemoteIdStatus():
+                status = RemoteIdChanged(now_us, self.name, event.state, printable(event.text))
         self._status[type(status)] = status
         return status
 
@@ -518,6 +525,7 @@ class Gateway:
         bridge.LandedState: _status_changed,
         bridge.FenceStatus: _status_changed,
         bridge.EstimatorStatus: _status_changed,
+        bridge.RemoteIdStatus: _status_changed,
     }
 
 

@@ -110,6 +110,8 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     lost_link: str = ""  # reaction to a lost link, in words; empty if unknown
     return_height_m: float | None = None  # of a return by the autopilot's parameters, above home
     fence_action: str = ""  # reaction to a breached fence
+    # State of the Remote ID module: "ready", "fails: ...", "lost: ..."; empty before a message.
+    remote_id: str = ""
     # In flight: the time until the vehicle must fly home (negative after this time), the time of
     # the flight home (null: unknown, or the wind prevents it) and of the landing, the mission time
     # at which the vehicle must have landed (the reserve then remains), and the source of the

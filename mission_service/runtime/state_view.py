@@ -61,6 +61,7 @@ from mission_service.events import (
     OperatorHeartbeat,
     OrderGiven,
     ParametersReported,
+    RemoteIdChanged,
     Resumed,
     SettingsChanged,
     Telemetry,
@@ -90,6 +91,7 @@ from mission_service.runtime.published_states import (
     item_state,
 )
 from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.vehicles.remote_id_state import RemoteIdReport
 
 FIRE_EVERY_US = 30_000_000
 SOURCES_EVERY_US = 5_000_000
@@ -335,6 +337,9 @@ class StateView(Notices):
         vehicle.return_height_m = None if loss is None else loss.return_height_m
         vehicle.fence_action = "" if loss is None else loss.fence
 
+    def _remote_id(self, vehicle: VehicleState, event: RemoteIdChanged) -> None:
+        vehicle.remote_id = RemoteIdReport(event.state, event.text).state_in_words
+
     def _mode_changed(self, vehicle: VehicleState, event: ModeChanged) -> None:
         vehicle.mode, vehicle.armed = event.mode, event.armed
         if not event.armed:
@@ -542,6 +547,7 @@ class StateView(Notices):
         VehicleRebooted: _rebooted,
         ModeChanged: _mode_changed,
         ParametersReported: _parameters,
+        RemoteIdChanged: _remote_id,
         BatteryUpdated: _battery,
         GpsFixChanged: _gps_fix,
         WindMeasured: _wind_measured,

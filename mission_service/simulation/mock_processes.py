@@ -29,7 +29,7 @@ from mission_service.fire.simulated_fire import simulated_fire_of
 from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.simulation.demo import vehicle_of
 from mission_service.simulation.image_writer import ImageWriter
-from mission_service.simulation.sim import mock_of
+from mission_service.simulation.sim import fit_remote_id, mock_of
 
 FARTHER_DEG = 0.001  # longitude between the homes of two successive mocks
 
@@ -185,6 +185,7 @@ def _of_section(
     frame = plain.flight.frame
     home = (frame.lat_deg, frame.lon_deg, frame.altitude_m)
     mock = around.mock(section.stack, section.kind, section.system_id, home, section.airspeed_m_s)
+    fit_remote_id(mock, scenario)
     if scenario.passes_image_files:
         fire = simulated_fire_of(scenario, landscape)
         assert fire is not None

@@ -85,6 +85,12 @@ def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
     return mock
 
 
+def fit_remote_id(mock: MockAutopilot, scenario: Scenario) -> None:
+    """Give a mock a Remote ID module that is ready, if the scenario requires Remote ID."""
+    if scenario.preflight.remote_id:
+        mock.telemetry.remote_id_error = ""
+
+
 class SimulatedVehicle:
     """One simulated vehicle: a client and a mock autopilot, connected by two memory links."""
 
@@ -93,6 +99,7 @@ class SimulatedVehicle:
     ) -> None:
         seed = scenario.seed * 1000 + section.system_id * 2
         self.mock = mock_of(section, landscape)
+        fit_remote_id(self.mock, scenario)
         rates = rates_hz(scenario)
         self.client = NativeClient(target_system=section.system_id, rates_hz=rates)
         self.mock.intervals.only(*rates)

@@ -19,8 +19,8 @@ from mission_service.vehicles.vehicle_state import MissionPhase, Vehicle
 from mission_service.vehicles.way_home import Vector
 
 POSITION, ESTIMATOR, AIRSPACE = "position", "estimator", "airspace"
-BATTERY, WIND = "battery", "wind"
-NEVER_OVERRIDDEN = (POSITION, ESTIMATOR, AIRSPACE)
+BATTERY, WIND, REMOTE_ID = "battery", "wind", "Remote ID"
+NEVER_OVERRIDDEN = (POSITION, ESTIMATOR, AIRSPACE, REMOTE_ID)
 DELAY_AUTOSTART = (*NEVER_OVERRIDDEN, BATTERY, WIND)
 
 POSITION_AGE_S = 10.0
@@ -49,6 +49,7 @@ class Departure:
         airspace: The closed airspace that the takeoff or the mission on board would enter, or "".
         has_surveillance: Whether the run receives other aircraft.
         nearest: The nearest other aircraft, or None.
+        requires_remote_id: Whether the scenario requires Remote ID.
     """
 
     at_s: float
@@ -58,11 +59,12 @@ class Departure:
     airspace: str = ""
     has_surveillance: bool = False
     nearest: NearestAircraft | None = None
+    requires_remote_id: bool = False
 
 
 def checks_of(vehicle: Vehicle, departure: Departure) -> tuple[PreflightCheck, ...]:
     """Return the checks of a vehicle on the ground, in a fixed order."""
-    checks = (
+    checks: tuple[PreflightCheck, ...] = (
         _battery(vehicle, departure),
         _position(vehicle, departure),
         _estimator(vehicle),
@@ -74,6 +76,8 @@ def checks_of(vehicle: Vehicle, departure: Departure) -> tuple[PreflightCheck, .
         _wind(vehicle, departure),
         _lost_link(vehicle),
     )
+    if departure.requires_remote_id or vehicle.remote_id.state:
+        checks = (*checks, _remote_id(vehicle, departure.requires_remote_id))
     return (*checks, _aircraft(departure)) if departure.has_surveillance else checks
 
 
@@ -269,3 +273,15 @@ def _aircraft(departure: Departure) -> PreflightCheck:
     if nearest.distance_m < AIRCRAFT_NEAR_M and abs(nearest.above_m) < AIRCRAFT_ABOVE_M:
         return PreflightCheck(name, "fail", f"{words}: wait until it has passed")
     return PreflightCheck(name, "pass", words)
+
+
+def _remote_id(vehicle: Vehicle, required: bool) -> PreflightCheck:
+    """Return whether the Remote ID module is ready; only a required module can fail."""
+    report = vehicle.remote_id
+    if report.state == "ready":
+        return PreflightCheck(REMOTE_ID, "pass", report.state_in_words)
+    if not required:
+        words = f"{report.state_in_words}; the scenario does not require it"
+        return PreflightCheck(REMOTE_ID, "unknown", words)
+    remedy = "check its power and its wiring" if report.state != "fails" else "correct its error"
+    return PreflightCheck(REMOTE_ID, "fail", f"{report.state_in_words}: {remedy}")

@@ -19,6 +19,7 @@ from mission_service.vehicles.battery_reports import BatteryReports
 from mission_service.vehicles.energy import EnergyState
 from mission_service.vehicles.landing_state import LandingState
 from mission_service.vehicles.preflight_state import PreflightState, SignOff
+from mission_service.vehicles.remote_id_state import RemoteIdReport
 
 Floats = NDArray[np.float64]
 HISTORY_LENGTH = 20  # number of phases that the error about an invalid transition lists
@@ -122,6 +123,7 @@ class Vehicle:
     energy: EnergyState = field(default_factory=EnergyState)
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
+    remote_id: RemoteIdReport = field(default_factory=RemoteIdReport)
     lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown
     lost_link_problem: str = ""  # what is wrong with this reaction, and the remedy
     return_flight: ReturnFlight = UNREAD  # by its parameters, as far as they were read

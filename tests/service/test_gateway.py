@@ -16,6 +16,7 @@ from mission_service.events import (
     FenceStatusChanged,
     LandedStateChanged,
     ModeChanged,
+    RemoteIdChanged,
     SystemStateChanged,
     WindMeasured,
 )
@@ -202,6 +203,7 @@ def test_states_of_trouble_are_the_cores_events() -> None:
         bridge.LandedState(7, "landing"),
         bridge.FenceStatus(7, True, "boundary"),
         bridge.EstimatorStatus(7, False, ("position lost",)),
+        bridge.RemoteIdStatus(7, "fails", "no\tGPS"),
     )
     gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
     assert list(gateway.events(9)) == [
@@ -209,6 +211,7 @@ def test_states_of_trouble_are_the_cores_events() -> None:
         LandedStateChanged(1000, "hawk", "landing"),
         FenceStatusChanged(1000, "hawk", True, "boundary"),
         EstimatorStatusChanged(1000, "hawk", False, ("position lost",)),
+        RemoteIdChanged(1000, "hawk", "fails", "no GPS"),
     ]
 
 

@@ -24,6 +24,7 @@ from mission_service.events import (
     LinkRestored,
     ModeChanged,
     OrderGiven,
+    RemoteIdChanged,
     Telemetry,
     VehicleConnected,
     VehicleRebooted,
@@ -101,6 +102,17 @@ def test_the_times_left_by_the_energy_are_shown_until_the_landing(state_view: St
     state_view.apply(LinkRestored(80, "hawk"), [ReportEnergy("hawk", None, None, None, "")])
     assert (shown.time_on_task_s, shown.time_home_s, shown.energy_source) == (None, None, "")
     assert (shown.time_landing_s, shown.must_land_at_us) == (None, None)
+
+
+def test_the_state_of_the_remote_id_module_is_shown(state_view: StateView) -> None:
+    shown = state_view.vehicles["hawk"]
+    assert shown.remote_id == ""
+    for event, words in (
+        (RemoteIdChanged(70, "hawk", "ready", ""), "ready"),
+        (RemoteIdChanged(80, "hawk", "fails", "no GPS lock"), "fails: no GPS lock"),
+    ):
+        state_view.apply(event, [])
+        assert (shown.remote_id, shown.at_us) == (words, event.at_us)
 
 
 def test_announcements_are_bounded_and_numbered(state_view: StateView) -> None:

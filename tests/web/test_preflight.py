@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from mission_service.events import BatteryUpdated
+from mission_service.events import BatteryUpdated, RemoteIdChanged
 from tests.api.worlds import scenario_of, world_in
 from tests.web import browser as screen
 from tests.web.browser import page_of
@@ -50,7 +50,10 @@ def test_a_failing_check_is_first_and_its_takeoff_needs_a_reason(
         takeoff = page.locator("button.takeoff")
         expect(takeoff).to_have_text("Sign off and take off")
         expect(takeoff).to_be_enabled()
-        site.loop.call_soon_threadsafe(service.handle_events, [low], 0)
+        module = RemoteIdChanged(at_us, "hawk", "fails", "no GPS lock")
+        site.loop.call_soon_threadsafe(service.handle_events, [low, module], 0)
+        facts = page.locator("#panel-vehicles dl.figures").first
+        expect(facts).to_contain_text("Remote IDfails: no GPS lock")
         first = page.locator(".preflight li").first
         expect(first).to_contain_text("battery 12 %, the reserve is 20 %: replace the battery")
         expect(page.locator(".vehicles li").first).to_contain_text("NO-GO: battery")

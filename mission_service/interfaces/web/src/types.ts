@@ -47,6 +47,7 @@ export interface Vehicle {
   lost_link: string; // reaction to a lost link; empty if unknown
   return_height_m: number | null;
   fence_action: string;
+  remote_id: string; // "ready", "fails: …", "lost: …"; empty before its first message
   time_on_task_s: number | null; // until it must fly home; negative after this time
   time_home_s: number | null; // of the flight home
   time_landing_s: number | null;

@@ -151,6 +151,7 @@ export class VehiclesPanel {
       ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
       ["If the link is lost", lostLinkText(vehicle)],
       ["Energy", energyText(vehicle)],
+      ["Remote ID", vehicle.remote_id || null],
       ["Position", vehicle.position_good ? null : `NOT GOOD: ${vehicle.position_fix}`],
       ["Height", fix ? `${metres(fix.height_agl_m)} above ground` : "–"],
       ["Motion", fix ? `${speed(fix.ground_speed_m_s)}, heading ${fix.heading_deg.toFixed(0)}°` : "–"],
