@@ -23,6 +23,7 @@ from mission_service.airspace.occupied_space import (
     MissionPlace,
     straight,
 )
+from mission_service.airspace.operational_intent import IntendedPart
 from mission_service.airspace.volumes import Volume, require_homes_inside
 from mission_service.commands import (
     AnyCommand,
@@ -80,6 +81,10 @@ class AirspaceGuard:
     def volumes(self) -> tuple[Volume, ...]:
         """The volumes that are, were or will be closed."""
         return self._closed.volumes
+
+    def intended(self, name: str) -> list[IntendedPart]:
+        """Return the space of the rest of a vehicle's flight; empty without a flight."""
+        return self._space.of_intent(self._vehicles[name], self._states[name])
 
     def on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         """Apply an operator's event: close or open a volume."""

@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 
+import shapely
+
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.occupied_space import (
@@ -17,7 +19,9 @@ from mission_service.airspace.occupied_space import (
     path_parts,
     turns_towards,
 )
+from mission_service.airspace.operational_intent import IntendedPart, Purpose
 from mission_service.commands import ClimbAndHold, HoldAt, Orbit
+from mission_service.missions.landing import APPROACH_HEIGHTS_M, glide_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState
 from mission_service.vehicles.availability import GOING_HOME, MISSION
@@ -97,6 +101,37 @@ class FlightSpace:
         parts = [part for route in routes for part in path_parts(route)]
         return [Part(part.shape, home_altitude_m, high_m) for part in parts]
 
+    def of_intent(self, vehicle: Vehicle, state: AirspaceState) -> list[IntendedPart]:
+        """Return the space of the rest of a flight, for an operational intent; empty without one.
+
+        The vehicle may hold anywhere on its flight, and return from any place that it may reach.
+        The return is inside the convex hull of these places and home. The landing is inside a disc
+        around home, whichever its course. A vehicle on the ground has a flight if a mission that
+        takes off was accepted.
+        """
+        fix, home_amsl_m = vehicle.availability.fix, self._home_altitude_m(vehicle)
+        home = (*vehicle.home_m, home_amsl_m)
+        if vehicle.availability.airborne and fix is not None:
+            parts = self.of_flight(vehicle, fix, state) or [self.of_hold(vehicle, position_of(fix))]
+            way_home = self.of_return(vehicle, fix)
+        elif vehicle.flown_line is not None and vehicle.accepted and vehicle.accepted.takes_off:
+            parts, way_home = mission_parts(state.on_board, [home]), []
+        else:
+            return []
+        section = vehicle.section
+        hold_m = COPTER_REACH_M
+        landing_m, turn_m = COPTER_REACH_M, 0.0
+        if section.kind == "plane":
+            hold_m = 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m
+            landing_m = glide_m(APPROACH_HEIGHTS_M[-1]) + hold_m
+            turn_m = 2.0 * section.turn_radius_m
+        field = disc(*vehicle.home_m, landing_m, home_amsl_m, home_amsl_m)
+        shapes = [part.shape for part in (*parts, *way_home, field)]
+        highest_m = max(home_amsl_m + RETURN_ABOVE_M, *(part.highest_m for part in parts))
+        back = Part(shapely.union_all(shapes).convex_hull, home_amsl_m, highest_m)
+        named = [IntendedPart(_purpose(vehicle, part), part, hold_m) for part in parts]
+        return [*named, IntendedPart("return and landing", back, hold_m + turn_m)]
+
     def _entries(
         self, vehicle: Vehicle, fix: PositionFix, target_m: tuple[float, float]
     ) -> list[list[Position]]:
@@ -126,3 +161,11 @@ class FlightSpace:
 
     def _home_altitude_m(self, vehicle: Vehicle) -> float:
         return float(self._landscape.elevation_at(*vehicle.home_m))
+
+
+def _purpose(vehicle: Vehicle, part: Part) -> Purpose:
+    kind = part.shape.geom_type
+    if kind != "Polygon":
+        return "leg" if kind == "LineString" else "climb"
+    in_mission = vehicle.availability.mode == MISSION or not vehicle.availability.airborne
+    return "loiter" if in_mission else "hold"

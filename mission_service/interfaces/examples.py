@@ -4,6 +4,18 @@ from typing import Any
 
 import msgspec
 
+from mission_service.airspace.operational_intent import (
+    EllipsoidHeight,
+    IntentDetails,
+    IntentExtent,
+    IntentVolume,
+    LatLng,
+    LengthM,
+    OperationalIntents,
+    OutlineCircle,
+    UtcTime,
+    VehicleIntent,
+)
 from mission_service.commands import ClearedVehicle
 from mission_service.interfaces.api.models import (
     FullState,
@@ -163,6 +175,14 @@ AIRSPACE = AirspaceStatus(
         ),
     ),
 )
+_CIRCLE = OutlineCircle(LatLng(36.364232, -84.140907), LengthM(411.4))
+_HEIGHTS = (EllipsoidHeight(512.1), EllipsoidHeight(542.1))
+_PERIOD = (UtcTime("2026-11-21T12:00:00.000Z"), UtcTime("2026-11-21T12:26:22.000Z"))
+_VOLUME = IntentVolume(IntentExtent(*_HEIGHTS, outline_circle=_CIRCLE), *_PERIOD)
+INTENTS = OperationalIntents(
+    *(AT_US, -32.9, 60.0, 15.0, 60.0),
+    [VehicleIntent("hawk", ["loiter"], IntentDetails([_VOLUME]))],
+)
 STATE = FullState(
     4711,
     STATUS,
@@ -221,7 +241,7 @@ OF: dict[type, msgspec.Struct] = {
     type(each): each
     for each in (
         *(TELEMETRY, VEHICLE, MISSION, ALARM, ANNOUNCEMENT, REPLAY, STATE, PREVIEW, IMPORTANCE),
-        *(SOURCE, IMAGE, AIRSPACE, AIRCRAFT),
+        *(SOURCE, IMAGE, AIRSPACE, AIRCRAFT, INTENTS),
         ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),
         Aircraft(AT_US, (AIRCRAFT,)),

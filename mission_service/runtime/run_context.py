@@ -14,6 +14,11 @@ from shapely.geometry import mapping
 from autopilot_bridge.items import Items
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
+from mission_service.airspace.operational_intent import (
+    IntentFrame,
+    OperationalIntents,
+    intent_of,
+)
 from mission_service.airspace.volumes import Volume
 from mission_service.config.scenario import Scenario
 from mission_service.config.service_section import ServiceSection
@@ -125,6 +130,30 @@ class RunContext:
         limit_m = self.scenario.airspace.max_altitude_agl_m
         clearing = self.state_view.clearing
         return AirspaceStatus(self.clock.now_us, volumes, limit_m, clearing)
+
+    def operational_intents(
+        self, geoid_height_m: float, for_s: float, unix_us: int
+    ) -> OperationalIntents:
+        """Return the operational intents of all vehicles, from now until they have landed.
+
+        Args:
+            geoid_height_m: Height of the geoid above the WGS84 ellipsoid.
+            for_s: Time until the landing of a vehicle without an estimate of its energy.
+            unix_us: The present time in microseconds since 1970.
+        """
+        section, now_us = self.scenario.airspace, self.clock.now_us
+        found = []
+        for name, state in self.state_view.vehicles.items():
+            must_us = state.must_land_at_us
+            left_us = round(for_s * 1e6) if must_us is None else max(must_us - now_us, 0)
+            end_us = unix_us + left_us + round(section.lead_s * 1e6)
+            margins_m = (section.margin_m, section.vertical_margin_m)
+            frame = IntentFrame(*margins_m, geoid_height_m, unix_us, end_us)
+            flight = self.core.airspace.intended(name)
+            if flight:
+                found.append(intent_of(name, flight, frame, self.landscape))
+        stated = (geoid_height_m, section.margin_m, section.vertical_margin_m, section.lead_s)
+        return OperationalIntents(now_us, *stated, found)
 
     def preview(self, vehicle: str) -> Items | None:
         """Return the mission that the service would send to the vehicle now, without sending it.

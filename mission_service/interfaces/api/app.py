@@ -17,6 +17,7 @@ from starlette.types import Receive, Scope, Send
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
 from mission_service import __version__
+from mission_service.airspace.operational_intent import OperationalIntents
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.api import (
     burn_routes,
@@ -60,6 +61,7 @@ ANSWERS = (
     models.Importance,
     models.Health,
     MapImage,
+    OperationalIntents,
     MissionState,
     Announcement,
     ReplayState,

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
+from mission_service.airspace.operational_intent import OperationalIntents
 from mission_service.interfaces import examples
 from mission_service.interfaces.api.access.auth import ROLES, User
 from mission_service.interfaces.api.context import ApiContext
@@ -16,6 +17,10 @@ from mission_service.runtime.published_states import AirspaceStatus, Announcemen
 
 LARGEST = 2**53
 BY, STATION = OPERATOR_FIELDS["by"]["description"], OPERATOR_FIELDS["station"]["description"]
+GEOID = "Height of the geoid (mean sea level) above the WGS84 ellipsoid at the field, in metres."
+FOR_S = "Time until the landing of a vehicle without an estimate of its energy, in seconds."
+GeoidHeight = Annotated[float, Query(ge=-120, le=100, description=GEOID)]
+UntilLanding = Annotated[float, Query(ge=60, le=86_400, description=FOR_S)]
 Since = Annotated[int, Query(ge=0, le=LARGEST, description="The version that the client has.")]
 
 
@@ -57,6 +62,18 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     )
     async def airspace() -> Response:
         return answer(api.context.airspace())
+
+    @routes.get(
+        f"{V1}/airspace/intents",
+        **route(
+            "look",
+            "Volumes of the vehicles' flights as operational intents (ASTM F3548-21).",
+            struct(OperationalIntents),
+        ),
+    )
+    async def intents(geoid_height_m: GeoidHeight, for_s: UntilLanding = 3600.0) -> Response:
+        found = api.context.operational_intents(geoid_height_m, for_s, api.wall_us())
+        return answer(found)
 
     text = {"type": "string"}
     event = {"type": "object", "properties": {"event": text, "id": text, "data": text}}
