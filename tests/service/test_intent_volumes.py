@@ -91,7 +91,7 @@ def test_the_way_home_from_any_place_of_the_flight_is_inside(land: Landscape) ->
     ground.stands()
     ground.order("takeoff")
     ground.mode("mission")
-    ground.at(120.0, off_deg=0.004)
+    ground.at(120.0, off_deg=0.04)  # farther from home than an approach
     flight = ground.core.airspace.intended("hawk")
     back = flight[-1]
     assert back.purpose == "return and landing"
