@@ -51,7 +51,8 @@ def test_a_failing_check_is_first_and_its_takeoff_needs_a_reason(
         expect(takeoff).to_have_text("Sign off and take off")
         expect(takeoff).to_be_enabled()
         module = RemoteIdChanged(at_us, "hawk", "fails", "no GPS lock")
-        site.loop.call_soon_threadsafe(service.handle_events, [low, module], 0)
+        for event in (low, module):
+            site.loop.call_soon_threadsafe(service.handle_events, [event], 0)
         facts = page.locator("#panel-vehicles dl.figures").first
         expect(facts).to_contain_text("Remote IDfails: no GPS lock")
         first = page.locator(".preflight li").first
