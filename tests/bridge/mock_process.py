@@ -22,7 +22,12 @@ def free_port() -> int:
 
 @contextmanager
 def mock_process(
-    port: int, stack: str, kind: str = "plane", speedup: float = 1.0, link: str = "udpout"
+    port: int,
+    stack: str,
+    kind: str = "plane",
+    speedup: float = 1.0,
+    link: str = "udpout",
+    faults: tuple[str, ...] = (),
 ) -> Iterator["subprocess.Popen[bytes]"]:
     """Start the mock of a stack at HOME; it connects to the port.
 
@@ -33,6 +38,8 @@ def mock_process(
     if stack == "px4":  # the missions have no landing
         command += ["--param", "MIS_TKO_LAND_REQ=0"]
     command += ["--speedup", str(speedup), "--link", f"{link}:127.0.0.1:{port}"]
+    for fault in faults:
+        command += ["--fault", fault]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
         yield process

@@ -196,6 +196,20 @@ def test_a_lost_link_is_reported_and_taken_up_again(backend: str) -> None:
     run(loses_its_link_and_gets_it_back(backend))
 
 
+async def has_a_remote_id_module(backend: str) -> None:
+    port, found = free_port(), []
+    async with station(backend, port) as client:
+        with mock_process(port, "px4", speedup=SPEEDUP, faults=("remote-id-error@60",)):
+            found = [await client.next(events.RemoteIdStatus) for _ in range(2)]
+        found.append(await client.next(events.RemoteIdStatus))
+    assert [each.state for each in found] == ["ready", "fails", "lost"]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_state_and_the_loss_of_a_remote_id_module_are_reported(backend: str) -> None:
+    run(has_a_remote_id_module(backend))
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_port_in_use_is_reported(backend: str) -> None:
     async def twice() -> None:
