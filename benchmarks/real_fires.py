@@ -11,7 +11,9 @@ areas, ASCII grids of fuel and elevation, Cell2Fire's weather, and the moistures
 Burgan. The time of suppression is not known; the fire burns until the end of the weather.
 - tubbs: cases/Validation/landscape_scale/tubbs_fire of berkeley-firelab/ELMFIRE_VnV_Suite. The
   Tubbs fire (California, 2017), GeoTIFFs in a projection on a sphere, hourly wind and moistures as
-  the means of ELMFIRE's rasters; buildings (code 256) do not burn.
+  the means of ELMFIRE's rasters; buildings (code 256) do not burn. The rows of 6 h (5.5 h after the
+  ignition) and of 12 h are compared with the concave hull of the VIIRS detections of the first and
+  of the first two half-days, as the repository does; kappa is Cohen's, over the landscape.
 - maria: ../shared/data/maria_2019. The Maria fire from each mapped perimeter to the next.
 
 Each run is a process ``mission-service fire run`` on a scenario that names the original files. The
@@ -58,6 +60,17 @@ class Row(NamedTuple):
     found: BaseGeometry
     start: BaseGeometry
     reference: BaseGeometry | None
+    landscape: BaseGeometry | None = None  # its extent, if kappa is to be computed
+
+
+def kappa(found: BaseGeometry, reference: BaseGeometry, landscape: BaseGeometry) -> float:
+    """Return Cohen's kappa of two areas on a landscape."""
+    total = landscape.area
+    here, there = (part.intersection(landscape).area / total for part in (found, reference))
+    both = found.intersection(reference).intersection(landscape).area / total
+    agree = 1.0 - here - there + 2.0 * both
+    by_chance = here * there + (1.0 - here) * (1.0 - there)
+    return (agree - by_chance) / (1.0 - by_chance)
 
 
 def run_fire(
@@ -167,7 +180,8 @@ def tubbs(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
     for name in names:
         with rasterio.open(data / "weather" / f"{name}.tif") as file:
             bands[name] = file.read()
-            crs = file.crs.to_string()
+            crs, extent = file.crs.to_string(), shapely.box(*file.bounds)
+    seen = viirs_areas(data / "viirs_observation" / "viirs_tubbs.shp", crs)
     turn = np.deg2rad(bands["wd"])
     from_deg = np.rad2deg(np.arctan2(np.sin(turn).mean((1, 2)), np.cos(turn).mean((1, 2)))) % 360
     mean = {name: values.mean((1, 2)) for name, values in bands.items()}
@@ -215,8 +229,28 @@ at_s = 1800
         crs,
         changes,
     )
+    start = shapely.Point(6938.0, 343607.0).buffer(1.0)
     for at_s, front in fronts:
-        yield Row(f"{at_s / 3600:.0f} h", front, shapely.Point(6938.0, 343607.0), None)
+        reference = {21_600.0: seen[0], 43_200.0: seen[1]}.get(at_s)
+        yield Row(f"{at_s / 3600:.0f} h", front, start, reference, extent)
+
+
+def viirs_areas(path: Path, crs: str) -> list[BaseGeometry]:
+    """Return the hull of the detections up to each half-day, in the landscape's CRS."""
+    table, _, shapes, columns = pyogrio.raw.read(path)
+    record = dict(zip(table["fields"], columns, strict=True))
+    points, days = shapely.from_wkb(shapes), record["ACQ_DATE"].astype("datetime64[D]")
+    half_days = days.astype(int) * 2 + (record["ACQ_TIME"].astype(int) >= 1200)
+    return [
+        into_crs(
+            shapely.concave_hull(
+                shapely.MultiPoint(points[half_days <= last]), ratio=0.5, allow_holes=True
+            ),
+            "EPSG:4326",
+            crs,
+        ).buffer(0.0)
+        for last in np.unique(half_days)
+    ]
 
 
 def maria(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
@@ -295,7 +329,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--set", action="append", default=[], help="as in fire run (repeatable)")
     given = parser.parse_args()
-    click.echo(f"{'':30} {'ha':>9} {'IoU':>6} {'persist':>8} {'area':>6}")
+    click.echo(f"{'':30} {'ha':>9} {'IoU':>6} {'persist':>8} {'area':>6} {'kappa':>6}")
     scores = []
     for row in FIRES[given.fire](check_folder(given.folder).resolve(), given.set):
         line = f"{row.name:30} {row.found.area / 1e4:9.1f}"
@@ -303,6 +337,8 @@ def main() -> None:
             both = overlap(row.found, row.reference), overlap(row.start, row.reference)
             scores.append(both)
             line += f" {both[0]:6.3f} {both[1]:8.3f} {row.found.area / row.reference.area:6.2f}"
+            if row.landscape is not None:
+                line += f" {kappa(row.found, row.reference, row.landscape):6.3f}"
         click.echo(line)
     if given.fire == "maria":
         mean = np.mean(scores, axis=0)
