@@ -36,6 +36,29 @@ class MockGroup:
             peer.handle_timer(now_us)
 
 
+class ChannelGroup(MockGroup):
+    """Mocks with several channels: the peer of a connection with as many links."""
+
+    def __init__(self, mocks: Sequence[MockAutopilot], channels: int) -> None:
+        super().__init__(mocks)
+        self.called: dict[int, str] = {}
+        for mock in self.mocks:
+            mock.open_channels(channels)
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
+        """Process frames that arrived on a channel."""
+        for mock in self.mocks:
+            mock.receive_data(b"".join(frames), now_us, link)
+
+    def addressed_to_send(self) -> list[tuple[int, str, bytes]]:
+        """Return the frames to send, each with its channel, to all remotes."""
+        return [
+            (channel, "", frame)
+            for mock in self.mocks
+            for channel, frame in mock.channel_data_to_send()
+        ]
+
+
 _ID = b"\x00\x01\x00"  # message id 256 in a header; other datagrams are not parsed
 
 
