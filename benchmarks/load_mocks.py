@@ -119,7 +119,7 @@ async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
     task = asyncio.current_task()
     assert task is not None
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
-    mocks = from_scenario(given.scenario, None, None, MockEnvironment())
+    mocks = from_scenario(given.scenario, None, (), MockEnvironment())
     clock: Callable[[], int] = clock_us
     if given.paced:
         ports = [int(each.link.rpartition(":")[2]) for each in mocks]

@@ -105,7 +105,7 @@ class SigningServer:
 
 async def serve(
     mock: Peer,
-    link: str,
+    link: str | Sequence[str],
     speedup: float,
     clock: Callable[[], int],
     opened: Callable[[], None] = lambda: None,
@@ -114,6 +114,7 @@ async def serve(
 ) -> None:
     """Run a mock or a group on a link until cancelled; ``clock`` returns real microseconds.
 
+    A ``ChannelGroup`` has several links. It does not receive keys from SETUP_SIGNING.
     ``opened`` is called when the link is open. If ``learns`` is given, a group signs with the keys
     that it receives; ``learns`` returns the ``Signing`` object for a key.
     """
@@ -123,11 +124,13 @@ async def serve(
         return int((clock() - began_us) * speedup)
 
     peer = mock
-    if learns is not None and isinstance(mock, MockGroup):
+    channels = isinstance(mock, ChannelGroup)
+    if learns is not None and isinstance(mock, MockGroup) and not channels:
         peer = SigningServer(
             mock, lambda key: connection.change_signing(None if key is None else learns(key))
         )
-    connection = Connection(link, peer, simulation_us, rate=speedup, signing=signing)
+    link_ids = 0 if isinstance(link, str) else range(len(link))
+    connection = Connection(link, peer, simulation_us, speedup, None, signing, link_ids)
     async with connection:
         opened()
         while True:

@@ -135,7 +135,7 @@ def test_an_unreachable_network_is_silence_but_a_forbidden_address_is_reported()
         peer = Peer()
         async with Connection(f"udpout:127.0.0.1:{free_port()}", peer, clock_us) as connection:
             await connection.wait()
-            wire = connection._transport
+            wire = connection.ports[0].transport
             for code in (errno.ENETUNREACH, errno.ECONNREFUSED, errno.EHOSTUNREACH):
                 wire.error_received(OSError(code, os.strerror(code)))  # type: ignore[attr-defined]
             with pytest.raises(TimeoutError):
