@@ -71,9 +71,7 @@ class CountingFleet(SharedLink):
         super().__init__("one port")
         self._counts = counts
 
-    def receive_frames(
-        self, remote: str, frames: list[bytes], now_us: int, link: int = 0
-    ) -> None:
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int = 0) -> None:
         """Count and process whole frames."""
         for frame in frames:
             self._counts.add(frame)

@@ -65,8 +65,8 @@ class LinkQuality(msgspec.Struct, frozen=True):
 
     ``waiting``: no frame yet; ``degraded``: the loss was above 30 % and is still above 15 %;
     ``silent``: no frame for three seconds. ``loss_share`` is the share of frames lost in the last
-    ten seconds, by their sequence numbers, and None if there are too few. ``silent_since_us`` is the
-    time of the last frame on a silent link.
+    ten seconds, by their sequence numbers, and None if there are too few. ``silent_since_us`` is
+    the time of the last frame on a silent link.
     """
 
     link: str

@@ -238,9 +238,12 @@ class NativeClient:
                     self._receive_own(whole, now_us)
                 elif kind == "HEARTBEAT":
                     self._monitor.keep_alive(now_us)
-        elif kind in COMPONENT_MESSAGES and message.get_srcSystem() == self._target_system:
-            if self.links is None or self.links.accepts(message, link, now_us):
-                self._receive_component(message, now_us)
+        elif (
+            kind in COMPONENT_MESSAGES
+            and message.get_srcSystem() == self._target_system
+            and (self.links is None or self.links.accepts(message, link, now_us))
+        ):
+            self._receive_component(message, now_us)
 
     def _receive_own(self, message: Message, now_us: int) -> None:
         """Process a message of the vehicle's autopilot."""

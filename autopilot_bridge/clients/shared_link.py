@@ -75,7 +75,8 @@ class SharedLink:
         """
         self._names = (name,) if isinstance(name, str) else name
         self.name = self._names[0]
-        self.called: dict[int, str] = {}  # by link: the remote to which it connects, "" if it listens
+        # By link: the remote to which the link connects; "" if it listens.
+        self.called: dict[int, str] = {}
         self.clients: dict[int, NativeClient] = {}
         self._own = (system_id, component_id)
         self._heartbeat_timeout_us = heartbeat_timeout_us
@@ -110,9 +111,7 @@ class SharedLink:
         """Process a datagram from a link that has one remote."""
         self._receive("", self._codecs[0].decode(data), now_us, 0)
 
-    def receive_frames(
-        self, remote: str, frames: list[bytes], now_us: int, link: int = 0
-    ) -> None:
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int = 0) -> None:
         """Process frames from a remote."""
         self._receive(remote, self._codecs[link].decode_frames(frames), now_us, link)
 
@@ -138,9 +137,7 @@ class SharedLink:
             return None
         return self._client(system, None, self._rates_hz)
 
-    def _client(
-        self, system: int, max_speed_m_s: float | None, rates_hz: RatesHz
-    ) -> NativeClient:
+    def _client(self, system: int, max_speed_m_s: float | None, rates_hz: RatesHz) -> NativeClient:
         client = NativeClient(
             *self._own,
             target_system=system,

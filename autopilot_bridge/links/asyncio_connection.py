@@ -2,7 +2,7 @@
 
 A *peer* is a protocol endpoint that does no input or output of its own. A *remote* is another end
 of a link: an address and port, or a connection. A connection usually has one link. If it has
-several, they are numbered from 0, and each has its own transport, link id of signatures, and counts.
+several, they are numbered from 0; each has its own transport, link id of signatures, and counts.
 """
 
 import asyncio

@@ -85,8 +85,8 @@ class ArduPilotServer(MissionServer):
             channel, before = getattr(message, "channel", 0), dict(self._receiving)
             replies = self._answer(message, now_us)
             if message.get_type() in ("MISSION_ITEM_INT", "MISSION_ITEM"):
-                receiving = before.get(message.mission_type)
-                channel = channel if receiving is None else receiving.channel
+                begun = before.get(message.mission_type)
+                channel = channel if begun is None else begun.channel
             answers += on_channel(channel, replies)
         return self._limited(answers)
 

@@ -3,9 +3,9 @@
 The mock has no clock of its own: the times that are passed to it are those of the simulation.
 ``time_boot_ms`` counts from the first of these times.
 
-A mock has one or more *channels* (telemetry ports), each with its own sequence numbers. Telemetry and
-texts are sent on all channels, and a reply on the channel of its request. All channels have the same
-message rates.
+A mock has one or more *channels* (telemetry ports), each with its own sequence numbers. Telemetry
+and texts are sent on all channels, and a reply on the channel of its request. All channels have the
+same message rates.
 """
 
 from collections.abc import Callable
@@ -83,6 +83,7 @@ class MockAutopilot:
         self.flight.items = tuple(self.missions.items)
         self.ftp = FtpServer(self.missions)
         self._codecs = [Codec(system_id, COMPONENT)]  # of each channel
+        self._channel = 0  # of the datagram being received
         self._replying_on = 0  # the channel of the last message with a target
         self._ftp_channel = 0
         self.system_id = system_id
@@ -140,11 +141,17 @@ class MockAutopilot:
         """Set the number of channels, before the first datagram is sent."""
         self._codecs = [Codec(self.system_id, COMPONENT) for _ in range(number)]
 
-    def receive_data(self, data: bytes, now_us: int, channel: int = 0) -> None:
-        """Process a datagram from any ground station that arrived on a channel."""
+    def receive_on_channel(self, channel: int, data: bytes, now_us: int) -> None:
+        """Process a datagram that arrived on a channel."""
+        self._channel = channel
+        self.receive_data(data, now_us)
+        self._channel = 0
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Process a datagram from any ground station."""
         for message in self._codecs[0].decode(data):
             target = getattr(message, "target_system", self.system_id)
-            message.channel = channel
+            message.channel = self._channel
             broadcast = target == 0 and self.stack.name == "ardupilot"
             if target == self.system_id or broadcast:
                 self._receive(message, now_us)

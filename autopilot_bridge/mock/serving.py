@@ -48,7 +48,7 @@ class ChannelGroup(MockGroup):
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
         """Process frames that arrived on a channel."""
         for mock in self.mocks:
-            mock.receive_data(b"".join(frames), now_us, link)
+            mock.receive_on_channel(link, b"".join(frames), now_us)
 
     def addressed_to_send(self) -> list[tuple[int, str, bytes]]:
         """Return the frames to send, each with its channel, to all remotes."""

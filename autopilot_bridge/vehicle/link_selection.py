@@ -145,7 +145,8 @@ class LinkSelection:
 
     def update(self, now_us: int) -> bool:
         """Update the states of all links; return whether one has changed."""
-        return any([quality.update(now_us) for quality in self.quality.values()])
+        changed = [quality.update(now_us) for quality in self.quality.values()]
+        return any(changed)
 
     def switch(self, busy: bool, now_us: int) -> bool:
         """Switch to another link if necessary; return whether ``in_use`` has changed.
@@ -158,10 +159,8 @@ class LinkSelection:
         if self.quality[self.in_use].state == "silent" and best_usable < USABLE["silent"]:
             return self._use(best, "silent", now_us)
         if usable == USABLE["degraded"]:
-            better = best_usable < usable or self._loss(best) <= self._loss(self.in_use) - (
-                BETTER_LOSS
-            )
-            if better and self._dwelt(now_us):
+            gain = self._loss(self.in_use) - self._loss(best)
+            if (best_usable < usable or gain >= BETTER_LOSS) and self._dwelt(now_us):
                 return self._use(best, "loss", now_us)
         if usable == USABLE["up"] and not busy:
             for link in self.order[: self.order.index(self.in_use)]:

@@ -129,9 +129,8 @@ class LinkSet:
             )
             for link, quality in self._selection.quality.items()
         )
-        due = now_us - self._reported_us >= REPORT_EVERY_US and _losses_differ(
-            statuses, self._reported
-        )
+        may_repeat = now_us - self._reported_us >= REPORT_EVERY_US
+        due = may_repeat and _losses_differ(statuses, self._reported or statuses)
         if not (changed or switched or due):
             return None
         self._reported, self._reported_us = statuses, now_us

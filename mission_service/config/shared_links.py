@@ -62,8 +62,8 @@ def _refuse_equal_ids(together: list[VehicleSection]) -> None:
         other = of_id.setdefault(section.system_id, section)
         if other is not section:
             raise ScenarioError(
-                f"{other.name} and {section.name} have the system id {section.system_id}, and their "
-                "links are shared with the same vehicles: give them different ids (system_id)"
+                f"{other.name} and {section.name} have the system id {section.system_id}, and "
+                "share their links with the same vehicles: give them different ids (system_id)"
             )
 
 

@@ -40,9 +40,7 @@ class LinkUse:
 
     switches: Counter[str] = field(default_factory=Counter)  # by cause
     # The last changes of the link in use: time, link, cause.
-    changes: deque[tuple[int, str, str]] = field(
-        default_factory=lambda: deque(maxlen=MAX_CHANGES)
-    )
+    changes: deque[tuple[int, str, str]] = field(default_factory=lambda: deque(maxlen=MAX_CHANGES))
     _us: dict[str, Counter[str]] = field(default_factory=dict)  # by link: durations in us
     _last: LinksReported | None = None
     _counted_us: int = 0

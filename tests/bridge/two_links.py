@@ -35,9 +35,7 @@ class Line(MemoryLink):
 
 def lines(seed: int, loss: float = 0.0, delay_us: int = 20_000, **more: Any) -> tuple[Line, Line]:
     """Return both directions of a link, with the loss of each direction."""
-    up, down = (
-        Line(loss=loss, delay_us=delay_us, seed=seed + number, **more) for number in (0, 1)
-    )
+    up, down = (Line(loss=loss, delay_us=delay_us, seed=seed + number, **more) for number in (0, 1))
     return up, down
 
 
@@ -48,7 +46,7 @@ class TwoLinks:
     mock: MockAutopilot
     lines: list[tuple[Line, Line]]
     routed: bool = False  # a router sends all frames of the first channel over all links
-    now_us: int = 0
+    now_us: int = 500_000 * SECOND
     events: list[ClientEvent] = field(default_factory=list)
     remotes: tuple[str, ...] = ("air", "air")
 
@@ -65,7 +63,7 @@ class TwoLinks:
     def run_for(self, seconds: float) -> None:
         end_us = self.now_us + round(seconds * SECOND)
         while True:
-            timers = [self.link.next_timer(), self.mock.next_timer()]
+            timers: list[int | None] = [self.link.next_timer(), self.mock.next_timer()]
             timers += [line.next_timer() for pair in self.lines for line in pair]
             due_us = max(min(each for each in timers if each is not None), self.now_us)
             if due_us > end_us:
@@ -78,7 +76,7 @@ class TwoLinks:
         now_us = self.now_us
         for link, (up, _) in enumerate(self.lines):
             for datagram in up.receive(now_us):
-                self.mock.receive_data(datagram, now_us, 0 if self.routed else link)
+                self.mock.receive_on_channel(0 if self.routed else link, datagram, now_us)
         self.mock.handle_timer(now_us)
         for channel, datagram in self.mock.channel_data_to_send():
             for link in range(len(self.lines)) if self.routed else (channel,):
