@@ -5,7 +5,8 @@ sequence numbers, at slightly different times, and with slightly different conte
 only on the port of the request. A router sends identical frames over several links.
 
 *Events* (texts, acknowledgements, requests of items, parameters): the n-th message with the same
-content is used on the link on which it arrives first; repetitions over one link are used.
+content is used on the link on which it arrives first; repetitions over one link are used, unless
+they have the same sequence number.
 
 *States* (positions, heartbeats and other periodic messages) are used from the link in use. If this
 link has lost a message, that of another link is used, but only if it is newer: a late heartbeat
@@ -44,6 +45,7 @@ class _Occurrences:
         self.at_us = 0
         self.used = 0
         self.of_link: dict[int, int] = {}
+        self.seq_of_link: dict[int, int] = {}  # sequence number of the last one on each link
 
 
 class _Periodic:
@@ -69,8 +71,10 @@ class DuplicateFilter:
         self._switched_us: int | None = None
 
     def link_switched(self, now_us: int) -> None:
-        """Use the next messages of any link: a transfer begins again over the new link."""
-        self._events.clear()
+        """Use the next requests of items from any link: a transfer begins again over the new one."""
+        self._events = {
+            key: same for key, same in self._events.items() if not key[1].startswith("MISSION_")
+        }
         self._switched_us = now_us
 
     def accepts(self, message: Message, link: int, in_use: int, now_us: int) -> bool:
@@ -108,6 +112,9 @@ class DuplicateFilter:
         if len(self._events) > MAX_KEYS:
             del self._events[next(iter(self._events))]
         same.at_us = now_us
+        if same.seq_of_link.get(link) == message.get_seq():  # the link has duplicated the frame
+            return False
+        same.seq_of_link[link] = message.get_seq()
         same.of_link[link] = same.of_link.get(link, 0) + 1
         if same.of_link[link] <= same.used:
             return False

@@ -7,11 +7,16 @@ from typing import Any
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.framing import frames_of
+from autopilot_bridge.links.framing import frames_of, message_id_of
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.vehicle.client_events import ClientEvent, LinksChanged, TransferFinished
+from autopilot_bridge.vehicle.client_events import (
+    ClientEvent,
+    LinkLost,
+    LinksChanged,
+    TransferFinished,
+)
 from tests.bridge.helpers import SECOND
 
 RADIO, LTE = 0, 1
@@ -49,6 +54,8 @@ class TwoLinks:
     now_us: int = 500_000 * SECOND
     events: list[ClientEvent] = field(default_factory=list)
     remotes: tuple[str, ...] = ("air", "air")
+    heartbeat_us: int = 0  # arrival of the last heartbeat over any link
+    silences_us: list[int] = field(default_factory=list)  # before each loss of the link
 
     def __post_init__(self) -> None:
         count = len(self.lines)
@@ -83,10 +90,14 @@ class TwoLinks:
                 self.lines[link][1].send(datagram, now_us)
         for link, (_, down) in enumerate(self.lines):
             for datagram in down.receive(now_us):
+                if message_id_of(datagram) == 0:
+                    self.heartbeat_us = now_us
                 self.link.receive_frames(self.remotes[link], frames_of(datagram), now_us, link)
         self.link.handle_timer(now_us)
         while (event := self.client.next_event()) is not None:
             self.events.append(event)
+            if isinstance(event, LinkLost):
+                self.silences_us.append(now_us - self.heartbeat_us)
         for link, _, datagram in self.link.addressed_to_send():
             self.lines[link][0].send(datagram, now_us)
         self.client.validate_state()
