@@ -115,6 +115,19 @@ class SharedLink:
         """Process frames from a remote."""
         self._receive(remote, self._codecs[link].decode_frames(frames), now_us, link)
 
+    def receive_copies(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
+        """Record frames that were received over another link before, for the quality of a link.
+
+        Anyone can repeat a signed frame: copies bind no vehicle to a remote.
+        """
+        for message in self._codecs[link].decode_frames(frames):
+            system = message.get_srcSystem()
+            source = self._sources.get(system, {}).get(link)
+            links = None if source is None else self.clients[system].links
+            if source is not None and links is not None and source.remote == remote:
+                is_of_vehicle = message.get_srcComponent() == AUTOPILOT
+                links.on_frame(message, link, is_of_vehicle, now_us)
+
     def _receive(self, remote: str, messages: list[Message], now_us: int, link: int) -> None:
         touched: dict[int, bool] = {}
         for message in messages:

@@ -17,6 +17,7 @@ from autopilot_bridge.links.transport import Batch
 from autopilot_bridge.links.transports import transport_of
 
 SHORTEST_WAIT_S = 0.001
+MAX_VERIFIED = 2048  # number of frames whose copies over other links are recognised
 
 
 class Peer(Protocol):
@@ -43,6 +44,9 @@ class RemotesPeer(Protocol):
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
         """Process complete frames from a remote of a link."""
+
+    def receive_copies(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
+        """Process signed frames that were received over another link before."""
 
     def addressed_to_send(self) -> list[tuple[int, str, bytes]]:
         """Return the frames to send, each with its link and remote; "" means all remotes."""
@@ -115,6 +119,7 @@ class Connection:
         self._rate = rate
         self._tlog = tlog
         self._signing = signing
+        self._verified: dict[bytes, int] = {}  # the last signed frames, and their links
         self._activity = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
@@ -234,14 +239,32 @@ class Connection:
     def frames_received(self, batch: Batch, port: Port) -> None:
         """Pass the frames of each remote to the peer."""
         if self._signing is not None:
-            accepts, counts = self._signing.accepts, port.counts
-            batch = [
-                (remote, [f for f in frames if accepts(f, counts)]) for remote, frames in batch
-            ]
+            batch = [(remote, self._accepted(remote, frames, port)) for remote, frames in batch]
         elif batch and batch[-1][1]:
             port.receives_signed = is_signed(batch[-1][1][-1])
         if any(frames for _, frames in batch):
             self._guarded(lambda: self._deliver(batch, port))
+
+    def _accepted(self, remote: str, frames: list[bytes], port: Port) -> list[bytes]:
+        """Return the frames with valid signatures.
+
+        A frame that a router sends over several links is valid on the first link only, as any
+        repeated frame. On the other links its copies show that the links work.
+        """
+        assert self._signing is not None
+        accepted, copies = [], []
+        for frame in frames:
+            if self._verified.get(frame, port.number) != port.number:
+                copies.append(frame)
+            elif self._signing.accepts(frame, port.counts):
+                accepted.append(frame)
+                if len(self.ports) > 1:
+                    self._verified[frame] = port.number
+        while len(self._verified) > MAX_VERIFIED:
+            del self._verified[next(iter(self._verified))]
+        if copies and self._by_remote is not None:
+            self._by_remote.receive_copies(remote, copies, self._clock(), port.number)
+        return accepted
 
     def _deliver(self, batch: Batch, port: Port) -> None:
         for remote, frames in batch:

@@ -71,7 +71,7 @@ class DuplicateFilter:
         self._switched_us: int | None = None
 
     def link_switched(self, now_us: int) -> None:
-        """Use the next requests of items from any link: a transfer begins again over the new one."""
+        """Use the next requests of items from any link, because a transfer begins again."""
         self._events = {
             key: same for key, same in self._events.items() if not key[1].startswith("MISSION_")
         }

@@ -25,7 +25,8 @@ WINDOW_US = 10_000_000
 BUCKET_US = 1_000_000
 MIN_FRAMES = 20  # received and lost frames in the window that a loss is computed from
 DEGRADED_LOSS, GOOD_LOSS = 0.3, 0.15
-BETTER_LOSS = 0.2  # a degraded link is left for another one whose loss is smaller by this
+# A degraded link is left for one whose loss is smaller by this, even if that one is degraded too.
+BETTER_LOSS = 0.2
 DWELL_US = 5_000_000  # minimum time between two switches because of loss
 RETURN_AFTER_US, MAX_RETURN_AFTER_US = 10_000_000, 160_000_000
 UNSTABLE_US = 60_000_000
@@ -152,7 +153,8 @@ class LinkSelection:
         """Switch to another link if necessary; return whether ``in_use`` has changed.
 
         While the station is ``busy`` with a transfer or a command, a link that works is not left
-        for a preferred one.
+        for a preferred one, and a degraded link only for one with a much smaller loss, because a
+        transfer begins again over the new link.
         """
         best = min(self.order, key=self._rank)
         usable, best_usable = self._usable(self.in_use), self._usable(best)
@@ -160,7 +162,8 @@ class LinkSelection:
             return self._use(best, "silent", now_us)
         if usable == USABLE["degraded"]:
             gain = self._loss(self.in_use) - self._loss(best)
-            if (best_usable < usable or gain >= BETTER_LOSS) and self._dwelt(now_us):
+            better = best_usable < usable and not busy
+            if (better or gain >= BETTER_LOSS) and self._dwelt(now_us):
                 return self._use(best, "loss", now_us)
         if usable == USABLE["up"] and not busy:
             for link in self.order[: self.order.index(self.in_use)]:
