@@ -70,8 +70,9 @@ class LinkQuality:
             self._on_earlier(seq, now_us, before_us)
             return
         self._earlier = 0
-        missing = {(seq - back) % 256 for back in range(1, gap + 1)}
-        self._missing = missing if gap else self._missing - {seq}
+        if gap or self._missing:
+            missing = self._missing | {(seq - back) % 256 for back in range(1, gap + 1)}
+            self._missing = {each for each in missing if 0 < (seq - each) % 256 < HALF}
         self._next_seq = (seq + 1) % 256
         self._count(1, gap, now_us)
 
