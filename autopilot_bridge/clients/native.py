@@ -234,14 +234,14 @@ class NativeClient:
             if link not in self._texts:
                 self._texts[link] = StatustextAssembler()
             for whole in self._texts[link].receive(message):
-                if self.links is None or self.links.accepts(whole, link, now_us):
+                if self.links is None or self.links.is_usable(whole, link, now_us):
                     self._receive_own(whole, now_us)
                 elif kind == "HEARTBEAT":
                     self._monitor.keep_alive(now_us)
         elif (
             kind in COMPONENT_MESSAGES
             and message.get_srcSystem() == self._target_system
-            and (self.links is None or self.links.accepts(message, link, now_us))
+            and (self.links is None or self.links.is_usable(message, link, now_us))
         ):
             self._receive_component(message, now_us)
 

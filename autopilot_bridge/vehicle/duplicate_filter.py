@@ -77,7 +77,7 @@ class DuplicateFilter:
         }
         self._switched_us = now_us
 
-    def accepts(self, message: Message, link: int, in_use: int, now_us: int) -> bool:
+    def is_usable(self, message: Message, link: int, in_use: int, now_us: int) -> bool:
         """Return whether to use a message that arrived over ``link``."""
         boot_us = boot_time_us(message)
         if boot_us is not None:

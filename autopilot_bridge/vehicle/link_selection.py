@@ -110,7 +110,7 @@ class LinkQuality:
         lost = max(sum(bucket[2] for bucket in self._buckets), 0)
         return lost / (received + lost) if received + lost >= MIN_FRAMES else None
 
-    def update(self, now_us: int) -> bool:
+    def renew_state(self, now_us: int) -> bool:
         """Update ``state``; return whether it has changed."""
         before, self.state = self.state, self._state(now_us)
         if self.state != "up":
@@ -145,9 +145,9 @@ class LinkSelection:
         self._returned_us: int | None = None
         self._return_after_us = RETURN_AFTER_US
 
-    def update(self, now_us: int) -> bool:
+    def renew_states(self, now_us: int) -> bool:
         """Update the states of all links; return whether one has changed."""
-        changed = [quality.update(now_us) for quality in self.quality.values()]
+        changed = [quality.renew_state(now_us) for quality in self.quality.values()]
         return any(changed)
 
     def switch(self, busy: bool, now_us: int) -> bool:

@@ -64,11 +64,11 @@ class LinkSet:
         else:
             quality.on_other_component(message.get_seq())
 
-    def accepts(self, message: Message, link: int, now_us: int) -> bool:
+    def is_usable(self, message: Message, link: int, now_us: int) -> bool:
         """Return whether to use a message, which is not a duplicate."""
         if len(self.order) == 1:
             return True
-        return self._duplicates.accepts(message, link, self.in_use, now_us)
+        return self._duplicates.is_usable(message, link, self.in_use, now_us)
 
     def request_rates(self, stack: Stack, target: tuple[int, int], now_us: int) -> list[Message]:
         """Request the message rates on all links that are not silent."""
@@ -108,7 +108,7 @@ class LinkSet:
             return [], None
         self._due_us = now_us + CHECK_EVERY_US
         before = {link: quality.state for link, quality in selection.quality.items()}
-        changed = selection.update(now_us)
+        changed = selection.renew_states(now_us)
         requests: list[Message] = []
         for link, rates in self._rates.items():
             state = selection.quality[link].state

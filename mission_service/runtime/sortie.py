@@ -66,7 +66,7 @@ class LinkUse:
                 spent_us["loss known"] += during_us
                 spent_us["lost"] += round(during_us * each.loss_share)
 
-    def figures(self) -> list[dict[str, Any]]:
+    def of_links(self) -> list[dict[str, Any]]:
         """Return the figures of each link; the mean loss is over the time in which it was known."""
         found = []
         for link, spent_us in sorted(self._us.items()):
@@ -149,7 +149,7 @@ class Sortie:
             "refused": dict(sorted(self.refused.items())),
             "modes": dict(sorted(self.modes.items())),
             "link_losses": self.link_losses,
-            "links": self.links.figures(),
+            "links": self.links.of_links(),
             "link_switches": dict(sorted(self.links.switches.items())),
             "autopilot_restarts": self.autopilot_restarts,
             "announcements": dict(sorted(self.announcements.items())),

@@ -60,10 +60,10 @@ def test_states_have_a_hysteresis() -> None:
     for second in range(60):
         loss = 0.5 if 10 <= second < 30 else 0.0
         feed(quality, second, second + 1.0, loss, random)
-        if quality.update((second + 1) * SECOND):
+        if quality.renew_state((second + 1) * SECOND):
             states.append(quality.state)
     assert states == ["up", "degraded", "up"]
-    assert quality.update(60 * SECOND + SILENT_US)
+    assert quality.renew_state(60 * SECOND + SILENT_US)
     assert quality.state == "silent"
 
 
@@ -84,7 +84,7 @@ class Choice:
                 if random.random() >= loss:
                     self.selection.quality[link].on_frame(self.sent[link] % 256, now_us)
             if tick % 10 == 0:
-                self.selection.update(now_us)
+                self.selection.renew_states(now_us)
                 if self.selection.switch(busy, now_us):
                     selection = self.selection
                     self.switches.append((tick / HZ, selection.in_use, selection.cause))

@@ -12,13 +12,21 @@ from typing import Any
 
 import pytest
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.framing import message_id_of
+from autopilot_bridge.vehicle.client_events import LinksChanged
+from autopilot_bridge.vehicle.link_selection import LinkStatus
 from mission_service.config.scenario import load_scenario
 from mission_service.config.shared_links import sharing
+from mission_service.core.core import Core
 from mission_service.errors import ScenarioError
+from mission_service.events import LinkLost, LinkQuality, LinksReported
 from mission_service.fire.scenario_check import check
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.replay.verification import verify
+from mission_service.runtime.gateway import Gateway, MissionClock
+from mission_service.runtime.sortie import LinkUse
 from tests.patience import PATIENCE_S
 from tests.service.test_forged_frames import Run
 from tests.service.test_live import free_port, process
@@ -198,3 +206,70 @@ def test_vehicles_that_share_one_of_their_links_are_in_one_group() -> None:
         scenario = load_scenario("demo", sets[-number:] if number == 1 else sets)
         found = sharing(scenario.vehicles)
         assert [[section.name for section in group] for group in found] == groups
+
+
+RADIO, LTE = "serial:/dev/ttyUSB0:57600", "udpin:0.0.0.0:14560"
+
+
+def links_of(
+    *states: Any, in_use: str = RADIO, cause: Any = "", at_s: float = 1.0
+) -> LinksReported:
+    named = zip((RADIO, LTE), states, strict=False)
+    quality = (LinkQuality(link, state, 0.1) for link, state in named)
+    return LinksReported(round(at_s * 1e6), "hawk", tuple(quality), in_use, cause)
+
+
+def test_the_core_warns_while_one_of_two_links_is_left_and_sends_nothing() -> None:
+    scenario = load_scenario("demo")
+    core = Core(scenario, landscape_of(scenario))
+    found = [
+        [type(command).__name__ for command in core.handle(event)]
+        for event in (
+            links_of("up", "up"),
+            links_of("silent", "up", in_use=LTE, cause="silent"),
+            links_of("silent", "degraded", in_use=LTE),
+            links_of("silent", "silent", in_use=LTE),
+            links_of("up", "silent", cause="silent"),
+            links_of("up", "up"),
+            links_of("up"),
+        )
+    ]
+    assert found == [
+        [],
+        ["Announce", "Announce", "RaiseAlarm"],
+        [],
+        ["ClearAlarm"],
+        ["Announce", "Announce", "RaiseAlarm"],
+        ["ClearAlarm"],
+        [],
+    ]
+
+
+def test_times_and_shares_of_each_link_are_summed() -> None:
+    use = LinkUse()
+    use.on_event(links_of("up", "up", at_s=0.0))
+    use.on_event(links_of("silent", "up", in_use=LTE, cause="silent", at_s=10.0))
+    use.on_event(links_of("up", "up", cause="recovered", at_s=40.0))
+    use.on_event(LinkLost(50_000_000, "hawk", 3.0))
+    first, second = use.figures()
+    assert first == {
+        "link": RADIO,
+        "observed_s": 50.0,
+        "in_use_s": 20.0,
+        "degraded_s": 0.0,
+        "silent_s": 30.0,
+        "mean_loss_pct": 10.0,
+    }
+    assert second["in_use_s"] == 30.0
+    assert use.switches == {"silent": 1, "recovered": 1}
+
+
+def test_the_time_of_the_last_frame_is_in_mission_time() -> None:
+    client, clock = NativeClient(), MissionClock(100_000_000, wall=True)
+    gateway = Gateway("hawk", client, clock)
+    silent = LinkStatus(RADIO, "silent", 0.25, 5_000_000)
+    client.report(LinksChanged(9_000_000, (silent,), RADIO, ""))
+    (event,) = gateway.events(9_000_000)
+    assert event == LinksReported(
+        100_000_000, "hawk", (LinkQuality(RADIO, "silent", 0.25, 96_000_000),), RADIO
+    )
