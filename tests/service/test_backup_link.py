@@ -251,7 +251,7 @@ def test_times_and_shares_of_each_link_are_summed() -> None:
     use.on_event(links_of("silent", "up", in_use=LTE, cause="silent", at_s=10.0))
     use.on_event(links_of("up", "up", cause="recovered", at_s=40.0))
     use.on_event(LinkLost(50_000_000, "hawk", 3.0))
-    first, second = use.figures()
+    first, second = use.of_links()
     assert first == {
         "link": RADIO,
         "observed_s": 50.0,
