@@ -254,7 +254,7 @@ class ForgedRig(SimulatedVehicle):
         self._forge(self._each - self._each // 2, now_us, boot_ms)
         self.link.handle_timer(now_us)
         service.handle_events(self.gateway.events(now_us), now_us)
-        for remote, datagram in self.link.addressed_to_send():
+        for _, remote, datagram in self.link.addressed_to_send():
             self.forged.to_others += remote not in ("", OWN)
             self._up.send(datagram, now_us)
         while self.gateway.link_alarms:

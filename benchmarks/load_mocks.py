@@ -119,10 +119,10 @@ async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
     task = asyncio.current_task()
     assert task is not None
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
-    mocks = from_scenario(given.scenario, None, None, MockEnvironment())
+    mocks = from_scenario(given.scenario, None, (), MockEnvironment())
     clock: Callable[[], int] = clock_us
     if given.paced:
-        ports = [int(each.link.rpartition(":")[2]) for each in mocks]
+        ports = [int(each.links[0].rpartition(":")[2]) for each in mocks]
         clock = PacedClock(given.speedup, ports)
     async with asyncio.TaskGroup() as group:
         for place, each in enumerate(mocks):
@@ -135,7 +135,7 @@ async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
                 faults = parse_faults(troubles(seed, given.troubles))
                 fleet = MockGroup([FaultyMock(mock, faults, seed) for mock in fleet.mocks])
             peer = Stamped(fleet, stamps)
-            group.create_task(serve(peer, each.link, given.speedup, clock))
+            group.create_task(serve(peer, each.links, given.speedup, clock))
             if given.troubles:
                 end_s = given.troubles / given.speedup
                 asyncio.get_running_loop().call_later(end_s, _heal, peer)

@@ -71,11 +71,11 @@ class CountingFleet(SharedLink):
         super().__init__("one port")
         self._counts = counts
 
-    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int = 0) -> None:
         """Count and process whole frames."""
         for frame in frames:
             self._counts.add(frame)
-        super().receive_frames(remote, frames, now_us)
+        super().receive_frames(remote, frames, now_us, link)
         while self.next_event() is not None:
             self._counts.events += 1
 

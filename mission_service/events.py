@@ -60,6 +60,33 @@ class LinkRestored(Event, frozen=True, tag=True):
     """Heartbeats are received again."""
 
 
+class LinkQuality(msgspec.Struct, frozen=True):
+    """The quality of one link, from the frames of the vehicle that were received over it.
+
+    ``waiting``: no frame yet; ``degraded``: the loss was above 30 % and is still above 15 %;
+    ``silent``: no frame for three seconds. ``loss_share`` is the share of frames lost in the last
+    ten seconds, by their sequence numbers, and None if there are too few. ``silent_since_us`` is
+    the time of the last frame on a silent link.
+    """
+
+    link: str
+    state: Literal["waiting", "up", "degraded", "silent"]
+    loss_share: Share | None = None
+    silent_since_us: MissionUs | None = None
+
+
+class LinksReported(Event, frozen=True, tag=True):
+    """The quality of a vehicle's links, the preferred link first, after a change.
+
+    ``in_use`` is the link over which the service sends. If it has changed, ``cause`` states why the
+    link used before was left: it was silent or lost frames, or a preferred link has recovered.
+    """
+
+    links: tuple[LinkQuality, ...]
+    in_use: str
+    cause: Literal["", "silent", "loss", "recovered"] = ""
+
+
 class VehicleRebooted(Event, frozen=True, tag=True):
     """The autopilot was restarted, and its clock was reset."""
 
@@ -736,6 +763,7 @@ VehicleEvent = (
     VehicleConnected
     | LinkLost
     | LinkRestored
+    | LinksReported
     | VehicleRebooted
     | Telemetry
     | MissionProgress

@@ -21,10 +21,10 @@ from autopilot_bridge.clients.mavsdk_transfers import Job, MavsdkTransfers
 from autopilot_bridge.clients.shared_link import HEARTBEAT_TIMEOUT_US, is_of_autopilot
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items
-from autopilot_bridge.links.asyncio_connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection, Port
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.framing import frames_of, source_of
-from autopilot_bridge.links.signing import Counts, Signing
+from autopilot_bridge.links.signing import Signing
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.missions.transfer import TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack, Step
@@ -112,14 +112,9 @@ class MavsdkClient:
         return self._monitor.stack
 
     @property
-    def counts(self) -> Counts:
-        """The numbers of received frames on the link, by outcome; see ``Connection``."""
-        return self._connection.counts
-
-    @property
-    def receives_signed(self) -> bool:
-        """Whether received frames are signed while signatures are not checked."""
-        return self._connection.receives_signed
+    def ports(self) -> tuple[Port, ...]:
+        """The link, with the numbers of received frames by outcome; see ``Connection``."""
+        return self._connection.ports
 
     def upload(
         self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False

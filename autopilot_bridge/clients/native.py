@@ -31,6 +31,7 @@ from autopilot_bridge.vehicle.client_events import (
 from autopilot_bridge.vehicle.command_queue import CommandQueue, ParameterQueue
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes
 from autopilot_bridge.vehicle.drop_sender import DropSender
+from autopilot_bridge.vehicle.link_set import LinkSet
 from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, MessageRates, RatesHz
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
@@ -75,7 +76,8 @@ class NativeClient:
         self._target_system = target_system
         self._monitor = VehicleMonitor(heartbeat_timeout_us, max_speed_m_s)
         self._remote_id = RemoteIdMonitor()
-        self._texts = StatustextAssembler()
+        self._texts: dict[int, StatustextAssembler] = {}  # by link
+        self.links: LinkSet | None = None  # set by the owner of the links
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
         self._outgoing: list[Message] = [] if shared is None else shared
@@ -223,20 +225,39 @@ class NativeClient:
         for message in self._codec.decode(data):
             self.receive_message(message, now_us)
 
-    def receive_message(self, message: Message, now_us: int) -> None:
-        """Process a message from any sender on the link."""
+    def receive_message(self, message: Message, now_us: int, link: int = 0) -> None:
+        """Process a message from any sender on a link, which is numbered if there are several."""
         kind = message.get_type()
+        is_from_vehicle = self._from_vehicle(message)
+        if self.links is not None and message.get_srcSystem() == self._target_system:
+            self.links.on_frame(message, link, is_from_vehicle, now_us)
+            self._send(*self.links.continue_rates(message, link, now_us))
         if is_of_remote_id(message):
             if self.stack is not None and message.get_srcSystem() == self._target_system:
                 self._events.extend(self._remote_id.receive(message, now_us))
             return
-        if kind in COMPONENT_MESSAGES and message.get_srcSystem() == self._target_system:
+        if is_from_vehicle:
+            if link not in self._texts:
+                self._texts[link] = StatustextAssembler()
+            for whole in self._texts[link].receive(message):
+                if self.links is None or self.links.is_usable(whole, link, now_us):
+                    self._receive_own(whole, now_us)
+                elif kind == "HEARTBEAT":
+                    self._monitor.keep_alive(now_us)
+        elif (
+            kind in COMPONENT_MESSAGES
+            and message.get_srcSystem() == self._target_system
+            and (self.links is None or self.links.is_usable(message, link, now_us))
+        ):
             self._receive_component(message, now_us)
-            if kind == ADSB_VEHICLE:
-                return
-        if self._from_vehicle(message):
-            for whole in self._texts.receive(message):
-                self._receive(whole, now_us)
+
+    def _receive_own(self, message: Message, now_us: int) -> None:
+        """Process a message of the vehicle's autopilot."""
+        kind = message.get_type()
+        if kind in COMPONENT_MESSAGES:
+            self._receive_component(message, now_us)
+        if kind != ADSB_VEHICLE:
+            self._receive(message, now_us)
 
     def data_to_send(self) -> list[bytes]:
         """Remove and return the datagrams to send, in order."""
@@ -265,6 +286,7 @@ class NativeClient:
             lost_us,
             # No requests are sent on a lost link.
             None if lost_us is None else self._rates.next_timer(),
+            None if self.links is None else self.links.next_timer(),
         )
         return min([timer_us for timer_us in timers if timer_us is not None])
 
@@ -273,6 +295,8 @@ class NativeClient:
         idle = self._jobs.idle and self._commands.idle and self._parameters.idle
         if idle and now_us < self.next_timer():
             return
+        if self.links is not None:
+            self._check_links(self.links, not idle, now_us)
         if self._heartbeats and now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._send(gcs_heartbeat())
@@ -287,6 +311,15 @@ class NativeClient:
             self._send(*self._commands.handle_timer(now_us))
         self._send(*self._drops.handle_timer(now_us))
         self._send(*self._parameters.handle_timer(now_us))
+
+    def _check_links(self, links: LinkSet, busy: bool, now_us: int) -> None:
+        """Change to the better link if necessary; a transfer continues over this link."""
+        requests, changed = links.handle_timer(busy, now_us)
+        self._send(*requests)
+        if changed is not None:
+            self._events.append(changed)
+            if changed.cause:
+                self._send(*self._jobs.link_switched(now_us))
 
     def _commands_timer(self) -> int | None:
         """Return the time of the next retry; no retry is made while a restart is suspected."""
@@ -319,6 +352,8 @@ class NativeClient:
                 self._commands.end_all("the autopilot was restarted", now_us)
             if isinstance(event, (Connected, LinkRestored, Rebooted)) and self.stack is not None:
                 self._send(*self._rates.begin(self.stack, self._target(), now_us))
+                if self.links is not None:
+                    self._send(*self.links.request_rates(self.stack, self._target(), now_us))
             if isinstance(event, ModeChanged):
                 self._mode_changed(mode, armed, now_us)
         if monitor.critical and not critical:

@@ -4,6 +4,9 @@ The shared link is a peer of a connection. The shared link decodes each message 
 message to the client of the sending system. A link and a system id together identify a vehicle: the
 same id on another link belongs to another vehicle. ``remote_binding.py`` selects the remote whose
 messages a client accepts.
+
+The connection may have several links, numbered from 0. A vehicle may then have several of these
+links: its client receives from all of them, and sends over one (``vehicle/link_set.py``).
 """
 
 import heapq
@@ -20,7 +23,8 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import stack_of
-from autopilot_bridge.vehicle.client_events import ClientEvent
+from autopilot_bridge.vehicle.client_events import AlarmEnded, ClientEvent
+from autopilot_bridge.vehicle.link_set import LinkSet
 from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.monitor import AUTOPILOT
 from autopilot_bridge.vehicle.remote_binding import RemoteBinding
@@ -56,7 +60,7 @@ class SharedLink:
 
     def __init__(
         self,
-        name: str,
+        name: str | tuple[str, ...],
         system_id: int = 255,
         component_id: int = 190,
         heartbeat_timeout_us: int = HEARTBEAT_TIMEOUT_US,
@@ -67,41 +71,65 @@ class SharedLink:
     ) -> None:
         """Create the link; with ``expects`` only vehicles registered by ``expect`` are accepted.
 
-        ``signed`` is True if the signatures of received frames are verified.
+        ``name`` is the address of the link, or the addresses of several links. ``signed`` is True
+        if the signatures of received frames are verified.
         """
-        self.name = name
-        self.called = ""  # the remote to which the link connects; "" if it listens
+        self._names = (name,) if isinstance(name, str) else name
+        self.name = self._names[0]
+        # By link: the remote to which the link connects; "" if it listens.
+        self.called: dict[int, str] = {}
         self.clients: dict[int, NativeClient] = {}
         self._own = (system_id, component_id)
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._timing = timing
         self._rates_hz = rates_hz
-        self._codec = Codec(system_id, component_id)
+        # Each link has its own sequence numbers.
+        self._codecs = [Codec(system_id, component_id) for _ in self._names]
         self._outgoing: list[Message] = []  # shared with all clients
         self._events: deque[FleetEvent] = deque()
         self._expects = expects
         self._signed = signed
-        self._sources: dict[int, RemoteBinding] = {}
+        self._sources: dict[int, dict[int, RemoteBinding]] = {}  # by system id and link
         self._heartbeat_due_us = 0
         # A heap of (time, system id) that may contain outdated entries.
         self._timers: list[tuple[int, int]] = []
         self._due_us: dict[int, int] = {}
 
-    def expect(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
-        """Register a vehicle and return its client. Raises BridgeError if its id is in use."""
+    def expect(
+        self, system: int, max_speed_m_s: float | None = None, links: tuple[int, ...] = (0,)
+    ) -> NativeClient:
+        """Register a vehicle and return its client. Raises BridgeError if its id is in use.
+
+        ``links`` contains the numbers of the vehicle's links, the preferred link first.
+        """
         if system in self.clients:
             raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
-        return self._client(system, max_speed_m_s)
+        client = self._client(system, max_speed_m_s, {} if len(links) > 1 else self._rates_hz)
+        client.links = LinkSet(self._names, links, self._own, self._rates_hz)
+        return client
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Process a datagram from a link that has one remote."""
-        self._receive("", self._codec.decode(data), now_us)
+        self._receive("", self._codecs[0].decode(data), now_us, 0)
 
-    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int = 0) -> None:
         """Process frames from a remote."""
-        self._receive(remote, self._codec.decode_frames(frames), now_us)
+        self._receive(remote, self._codecs[link].decode_frames(frames), now_us, link)
 
-    def _receive(self, remote: str, messages: list[Message], now_us: int) -> None:
+    def receive_copies(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
+        """Record frames that were received over another link before, for the quality of a link.
+
+        Anyone can repeat a signed frame: copies bind no vehicle to a remote.
+        """
+        for message in self._codecs[link].decode_frames(frames):
+            system = message.get_srcSystem()
+            source = self._sources.get(system, {}).get(link)
+            links = None if source is None else self.clients[system].links
+            if source is not None and links is not None and source.remote == remote:
+                is_of_vehicle = message.get_srcComponent() == AUTOPILOT
+                links.on_frame(message, link, is_of_vehicle, now_us)
+
+    def _receive(self, remote: str, messages: list[Message], now_us: int, link: int) -> None:
         touched: dict[int, bool] = {}
         for message in messages:
             kind = message.get_type()
@@ -110,8 +138,8 @@ class SharedLink:
                 continue
             system = message.get_srcSystem()
             client = self.clients.get(system) or self._detected(message, system)
-            if client is not None and self._is_accepted(remote, system, message, now_us):
-                client.receive_message(message, now_us)
+            if client is not None and self._is_accepted((link, remote), system, message, now_us):
+                client.receive_message(message, now_us, link)
                 # Telemetry changes a timer only if it causes a message to be sent.
                 telemetry = kind in MESSAGES or kind in COMPONENT_MESSAGES
                 touched[system] = not telemetry or bool(self._outgoing)
@@ -122,37 +150,48 @@ class SharedLink:
         """Return the new client of an autopilot; None if the sender is not an autopilot."""
         if self._expects or not is_of_autopilot(message):
             return None
-        return self._client(system)
+        return self._client(system, None, self._rates_hz)
 
-    def _client(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
+    def _client(self, system: int, max_speed_m_s: float | None, rates_hz: RatesHz) -> NativeClient:
         client = NativeClient(
             *self._own,
             target_system=system,
             heartbeat_timeout_us=self._heartbeat_timeout_us,
             timing=self._timing,
-            rates_hz=self._rates_hz,
+            rates_hz=rates_hz,
             shared=self._outgoing,
             max_speed_m_s=max_speed_m_s,
         )
         self.clients[system] = client
         return client
 
-    def _is_accepted(self, remote: str, system: int, message: Message, now_us: int) -> bool:
-        """Return whether to accept a message of this system from this remote."""
-        source = self._sources.get(system)
+    def _is_accepted(
+        self, origin: tuple[int, str], system: int, message: Message, now_us: int
+    ) -> bool:
+        """Return whether to accept a message of this system from this link and remote."""
+        link, remote = origin
+        sources = self._sources.setdefault(system, {})
+        source = sources.get(link)
         if message.get_srcComponent() != AUTOPILOT:  # a camera or receiver, which binds no vehicle
             return source is not None and source.remote == remote
         if source is None:
-            timeout_us = self._heartbeat_timeout_us
-            source = self._sources[system] = RemoteBinding(timeout_us, self.called, self._signed)
+            links = self.clients[system].links
+            if links is not None and link not in links.order:
+                return False
+            timeout_us, called = self._heartbeat_timeout_us, self.called.get(link, "")
+            source = sources[link] = RemoteBinding(timeout_us, called, self._signed)
         accepted = source.accepts(remote, is_of_autopilot(message), now_us)
         self._report(system, source)
         return accepted
 
     def _report(self, system: int, source: RemoteBinding) -> None:
+        """Report new alarms; an alarm ends when its cause has ended on all links."""
         if source.alarms:
+            others = [other for other in self._sources[system].values() if other is not source]
+            active = any(other.alarm_timer() is not None for other in others)
             for alarm in source.alarms:
-                self.clients[system].report(alarm)
+                if not (active and isinstance(alarm, AlarmEnded)):
+                    self.clients[system].report(alarm)
             source.alarms.clear()
             self._refresh(system)
 
@@ -170,21 +209,32 @@ class SharedLink:
 
     def data_to_send(self) -> list[bytes]:
         """Return the datagrams of all clients, for a link that has one remote."""
-        return [datagram for _, datagram in self.addressed_to_send()]
+        return [datagram for _, _, datagram in self.addressed_to_send()]
 
-    def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Return the datagrams to send, each with its remote; "" means all remotes."""
+    def addressed_to_send(self) -> list[tuple[int, str, bytes]]:
+        """Return the datagrams to send, each with its link and remote; "" means all remotes."""
         if not self._outgoing:
             return []
         for system in {getattr(message, "target_system", 0) for message in self._outgoing}:
             if system in self.clients:
                 self._refresh(system)
         outgoing, self._outgoing[:] = list(self._outgoing), []
-        return [(self._remote_of(message), self._codec.encode(message)) for message in outgoing]
+        return [
+            (link, remote, self._codecs[link].encode(message))
+            for message in outgoing
+            for link, remote in self._recipients(message)
+        ]
 
-    def _remote_of(self, message: Message) -> str:
-        source = self._sources.get(getattr(message, "target_system", 0))
-        return "" if source is None or source.remote is None else source.remote
+    def _recipients(self, message: Message) -> list[tuple[int, str]]:
+        """Return the links and remotes of a message: all links if it has no target."""
+        system = getattr(message, "target_system", 0)
+        client = self.clients.get(system)
+        if client is None:
+            return [(link, "") for link in range(len(self._codecs))]
+        in_use = 0 if client.links is None else client.links.in_use
+        link = getattr(message, "over_link", in_use)
+        source = self._sources.get(system, {}).get(link)
+        return [(link, "" if source is None or source.remote is None else source.remote)]
 
     def next_timer(self) -> int:
         """Return the time of the next ``handle_timer`` call."""
@@ -197,9 +247,10 @@ class SharedLink:
         if now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._outgoing.append(gcs_heartbeat())
-            for system, source in self._sources.items():
-                source.handle_timer(now_us)
-                self._report(system, source)
+            for system, sources in self._sources.items():
+                for source in sources.values():
+                    source.handle_timer(now_us)
+                    self._report(system, source)
         due = []
         while self._timers and self._timers[0][0] <= now_us:
             due_us, system = heapq.heappop(self._timers)

@@ -1,11 +1,12 @@
-"""Connects a link to a peer in asyncio: moves frames between them and sets the peer's timer.
+"""Connects links to a peer in asyncio: moves frames between them and sets the peer's timer.
 
 A *peer* is a protocol endpoint that does no input or output of its own. A *remote* is another end
-of the link: an address and port, or a connection.
+of a link: an address and port, or a connection. A connection usually has one link. If it has
+several, they are numbered from 0; each has its own transport, link id of signatures, and counts.
 """
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol, Self, runtime_checkable
 
 from autopilot_bridge.links.codec import Codec
@@ -16,6 +17,7 @@ from autopilot_bridge.links.transport import Batch
 from autopilot_bridge.links.transports import transport_of
 
 SHORTEST_WAIT_S = 0.001
+MAX_VERIFIED = 2048  # number of frames whose copies over other links are recognised
 
 
 class Peer(Protocol):
@@ -38,26 +40,58 @@ class Peer(Protocol):
 class RemotesPeer(Protocol):
     """A client or mock that distinguishes the remote endpoints of a link by their names."""
 
-    called: str  # the remote to which the link connects; "" if it listens
+    called: dict[int, str]  # by link: the remote to which it connects, "" if it listens
 
-    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Process complete frames from a remote."""
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
+        """Process complete frames from a remote of a link."""
 
-    def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Return the frames to send, each with its remote; "" means all remotes."""
+    def receive_copies(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
+        """Process signed frames that were received over another link before."""
+
+    def addressed_to_send(self) -> list[tuple[int, str, bytes]]:
+        """Return the frames to send, each with its link and remote; "" means all remotes."""
+
+
+class Port:
+    """One link of a connection: its transport, the id of its signatures, and its frames.
+
+    Args:
+        number: The number of the link, from 0.
+        address: The address of the link.
+        link_id: The link id of signatures, 0 to 255.
+        connection: Receives the frames.
+    """
+
+    def __init__(self, number: int, address: str, link_id: int, connection: "Connection") -> None:
+        self.number = number
+        self.address = address
+        self.link_id = link_id
+        self.counts = Counts()  # of this link; ``signing`` has the counts of all links
+        self.receives_signed = False  # True if the last frame was signed but not verified
+        self.transport = transport_of(parse_link(address), self)
+        self._connection = connection
+
+    def frames_received(self, batch: Batch) -> None:
+        """Pass the frames of each remote to the connection."""
+        self._connection.frames_received(batch, self)
+
+    def failed(self, error: Exception) -> None:
+        """Store an error of the transport; ``Connection.wait`` raises this error."""
+        self._connection.failed(error)
 
 
 class Connection:
-    """The connection of one peer to one link while the context (``async with``) is open.
+    """The connection of one peer to its links while the context (``async with``) is open.
 
     Args:
-        link: The address of the link: ``udpin:HOST:PORT``, ``tcp:HOST:PORT``, ``serial:...``.
+        link: The address of the link: ``udpin:HOST:PORT``, ``tcp:HOST:PORT``, ``serial:...``; or
+            several addresses, for a peer that distinguishes links.
         peer: The client or mock at this end.
         clock: Returns the peer's time in microseconds.
         rate: The speed of ``clock`` relative to real time.
         tlog: Records the frames sent and received; the caller closes it.
         signing: Signs all sent frames; received frames without a valid signature are dropped.
-        link_id: The link id of signatures, 0 to 255.
+        link_id: The link id of signatures, 0 to 255; or one for each link.
 
     Raises:
         BridgeError: The address is not valid, or cannot be opened when the context is entered.
@@ -65,24 +99,27 @@ class Connection:
 
     def __init__(
         self,
-        link: str,
+        link: str | Sequence[str],
         peer: Peer,
         clock: Callable[[], int],
         rate: float = 1.0,
         tlog: Tlog | None = None,
         signing: Signing | None = None,
-        link_id: int = 0,
+        link_id: int | Sequence[int] = 0,
     ) -> None:
-        self._transport = transport_of(parse_link(link), self)
+        links = (link,) if isinstance(link, str) else tuple(link)
+        link_ids = (link_id,) if isinstance(link_id, int) else tuple(link_id)
+        self.ports = tuple(
+            Port(number, address, signs_as, self)
+            for number, (address, signs_as) in enumerate(zip(links, link_ids, strict=True))
+        )
         self._peer = peer
         self._by_remote = peer if isinstance(peer, RemotesPeer) else None
         self._clock = clock
         self._rate = rate
         self._tlog = tlog
         self._signing = signing
-        self._link_id = link_id
-        self.counts = Counts()  # of this link; ``signing`` has the counts of all links
-        self.receives_signed = False  # True if the last frame was signed but not verified
+        self._verified: dict[bytes, int] = {}  # the last signed frames, and their links
         self._activity = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
@@ -90,9 +127,18 @@ class Connection:
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
-        await self._transport.open()
+        opened: list[Port] = []
+        try:
+            for port in self.ports:
+                await port.transport.open()
+                opened.append(port)
+        except BaseException:
+            for port in opened:
+                await port.transport.close()
+            raise
         if self._by_remote is not None:
-            self._by_remote.called = self._transport.called
+            for port in self.ports:
+                self._by_remote.called[port.number] = port.transport.called
         self._open = True
         self._wake()
         return self
@@ -101,7 +147,8 @@ class Connection:
         self._open = False
         if self._timer is not None:
             self._timer.cancel()
-        await self._transport.close()
+        for port in self.ports:
+            await port.transport.close()
 
     async def wait(self) -> None:
         """Wait until frames have arrived or the timer has expired since the last call.
@@ -117,10 +164,10 @@ class Connection:
     def flush(self) -> None:
         """Send the peer's frames and set the timer."""
         if self._by_remote is not None:
-            for remote, frame in self._by_remote.addressed_to_send():
-                self._send([frame], remote)
+            for link, remote, frame in self._by_remote.addressed_to_send():
+                self._send([frame], self.ports[link], remote)
         elif frames := self._peer.data_to_send():
-            self._send(frames)
+            self._send(frames, self.ports[0])
         self._arm()
 
     def notify(self) -> None:
@@ -143,25 +190,26 @@ class Connection:
         """
         codec = Codec(*own)
         for _ in range(2):
-            self._send([codec.encode(setup_signing(target, key, wall_us))])
+            self._send([codec.encode(setup_signing(target, key, wall_us))], self.ports[0])
         self.change_signing(signing)
 
     def change_signing(self, signing: Signing | None) -> None:
         """Sign and verify with another key from now on; with None, neither sign nor verify."""
         self._signing = signing
-        self.receives_signed = False
+        for port in self.ports:
+            port.receives_signed = False
 
-    def _send(self, frames: list[bytes], remote: str = "") -> None:
+    def _send(self, frames: list[bytes], port: Port, remote: str = "") -> None:
         if not self._open:
             return
         if self._signing is not None:
-            frames = [self._signing.sign(frame, self._link_id) for frame in frames]
-        if self._transport.send(frames, remote):
-            self._record(frames)
+            frames = [self._signing.sign(frame, port.link_id) for frame in frames]
+        if port.transport.send(frames, remote):
+            self._record(frames, port)
 
-    def _record(self, frames: list[bytes]) -> None:
+    def _record(self, frames: list[bytes], port: Port) -> None:
         if self._tlog is not None:
-            self._tlog.record([frame for frame in frames if not is_secret(frame)])
+            self._tlog.record([frame for frame in frames if not is_secret(frame)], port.number)
 
     def _arm(self) -> None:
         due_us = self._peer.next_timer()
@@ -188,27 +236,45 @@ class Connection:
             self._failure = error
         self._activity.set()
 
-    def frames_received(self, batch: Batch) -> None:
+    def frames_received(self, batch: Batch, port: Port) -> None:
         """Pass the frames of each remote to the peer."""
         if self._signing is not None:
-            accepts, counts = self._signing.accepts, self.counts
-            batch = [
-                (remote, [f for f in frames if accepts(f, counts)]) for remote, frames in batch
-            ]
+            batch = [(remote, self._accepted(remote, frames, port)) for remote, frames in batch]
         elif batch and batch[-1][1]:
-            self.receives_signed = is_signed(batch[-1][1][-1])
+            port.receives_signed = is_signed(batch[-1][1][-1])
         if any(frames for _, frames in batch):
-            self._guarded(lambda: self._deliver(batch))
+            self._guarded(lambda: self._deliver(batch, port))
 
-    def _deliver(self, batch: Batch) -> None:
+    def _accepted(self, remote: str, frames: list[bytes], port: Port) -> list[bytes]:
+        """Return the frames with valid signatures.
+
+        A frame that a router sends over several links is valid on the first link only, as any
+        repeated frame. On the other links its copies show that the links work.
+        """
+        assert self._signing is not None
+        accepted, copies = [], []
+        for frame in frames:
+            if self._verified.get(frame, port.number) != port.number:
+                copies.append(frame)
+            elif self._signing.accepts(frame, port.counts):
+                accepted.append(frame)
+                if len(self.ports) > 1:
+                    self._verified[frame] = port.number
+        while len(self._verified) > MAX_VERIFIED:
+            del self._verified[next(iter(self._verified))]
+        if copies and self._by_remote is not None:
+            self._by_remote.receive_copies(remote, copies, self._clock(), port.number)
+        return accepted
+
+    def _deliver(self, batch: Batch, port: Port) -> None:
         for remote, frames in batch:
-            self._record(frames)
+            self._record(frames, port)
             if self._by_remote is not None:
-                self._by_remote.receive_frames(remote, frames, self._clock())
+                self._by_remote.receive_frames(remote, frames, self._clock(), port.number)
             else:
                 self._peer.receive_data(b"".join(frames), self._clock())
 
     def failed(self, error: Exception) -> None:
-        """Store an error of the transport; ``wait`` raises this error."""
+        """Store an error of a transport; ``wait`` raises this error."""
         self._failure = error
         self._activity.set()

@@ -1,7 +1,8 @@
 """Records a link's frames in a .tlog file (for MAVProxy, QGroundControl and pymavlink).
 
 A record is a time (microseconds since 1970 as a big-endian uint64) and one frame as it was sent or
-received. One file contains both directions.
+received. One file contains both directions. The two lowest bits of the time are the number of the
+link, as in recordings of MAVProxy.
 """
 
 import os
@@ -12,7 +13,6 @@ from typing import Self
 
 from autopilot_bridge.errors import BridgeError
 
-# MAVProxy stores the number of the link in the two lowest bits, and pymavlink reads this number.
 _LINK_BITS = 3
 
 
@@ -31,9 +31,12 @@ class Tlog:
         except OSError as error:
             raise BridgeError(f"{path}: cannot be recorded to: {error.strerror}") from None
 
-    def record(self, frames: list[bytes]) -> None:
-        """Append frames that were just sent or received. Raises BridgeError if the disk is full."""
-        stamp = struct.pack(">Q", self._wall_us() & ~_LINK_BITS)
+    def record(self, frames: list[bytes], link: int = 0) -> None:
+        """Append frames that were just sent or received over a link.
+
+        Raises BridgeError if the disk is full.
+        """
+        stamp = struct.pack(">Q", self._wall_us() & ~_LINK_BITS | min(link, _LINK_BITS))
         data = b"".join(stamp + frame for frame in frames)
         try:
             written = self._file.write(data)

@@ -66,6 +66,12 @@ class MissionDownload(RequestRepeater):
             now_us,
         )
 
+    def begin_again(self, now_us: int) -> list[Message]:
+        """Request the list again over another link of the vehicle."""
+        self._count = None
+        self._items.clear()
+        return self.start(now_us)
+
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Process a count or an item, and return the next request."""
         kind = message.get_type()

@@ -13,6 +13,8 @@
   board
 - any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
 - cancelling: no further item is sent; PX4 ends the transfer at once, ArduPilot after 8 s
+- counted or sending --another link of the vehicle--> counted: the upload begins again. PX4 rejects
+  it until the transfer over the first link has timed out (5 s)
 """
 
 from typing import Literal
@@ -29,6 +31,9 @@ from autopilot_bridge.missions.transfer import (
     rejected,
 )
 
+# After a change of the link, rejections by a busy autopilot are ignored for this time.
+BUSY_FOR_US = 8_000_000
+BUSY = (mavlink.MAV_MISSION_ERROR, mavlink.MAV_MISSION_DENIED)
 # Fields of MISSION_CURRENT with the plan's id, by MAV_MISSION_TYPE.
 IDS = ("mission_id", "fence_id", "rally_points_id")
 
@@ -64,11 +69,23 @@ class MissionUpload(Exchange):
         self._reported_id: int | None = None  # id in MISSION_CURRENT since all items were sent
         self._all_sent = False
         self._possible_refusal: TransferResult | None = None  # maybe the reply to a duplicate
+        self._busy_until_us = 0
 
     def start(self, now_us: int) -> list[Message]:
         """Send MISSION_COUNT."""
         self._deadline_us = now_us + self._timing.timeout_us
         return [self._count()]
+
+    def begin_again(self, now_us: int) -> list[Message]:
+        """Begin again over another link of the vehicle; a cancellation continues."""
+        if self._state == "cancelling":
+            return []
+        self._state, self._tries, self._requested_seq, self._sent = "counted", 0, None, -1
+        self._reported_id = self._possible_refusal = None
+        self._all_sent = False
+        self._ahead = 0  # late requests over the first link may arrive
+        self._busy_until_us = now_us + BUSY_FOR_US
+        return self.start(now_us)
 
     def _count(self) -> Message:
         return mavlink.MAVLink_mission_count_message(
@@ -133,6 +150,8 @@ class MissionUpload(Exchange):
     def _acknowledged(self, code: int, now_us: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
             return  # ArduPilot's reply to a duplicate; the transfer continues
+        if self._state == "counted" and code in BUSY and now_us < self._busy_until_us:
+            return  # MISSION_COUNT is repeated on timeout
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return

@@ -1,7 +1,8 @@
 """Simulates ArduPilot's side of the mission protocol.
 
 Each list has its own transfer. An upload truncates the mission to the new length at once and
-overwrites the items one by one. A fence is applied when it is complete.
+overwrites the items one by one. A fence is applied when it is complete. The requests of an upload
+are sent on the channel of its MISSION_COUNT.
 """
 
 from collections import deque
@@ -25,6 +26,7 @@ from autopilot_bridge.mock.mission_server import (
     count_message,
     item_in,
     item_out,
+    on_channel,
     text,
 )
 from autopilot_bridge.stacks.stacks import Stack
@@ -44,6 +46,7 @@ class Receiving:
     requested_us: int
     next_seq: int = 0
     fence: list[MissionItem] = field(default_factory=list)
+    channel: int = 0
 
 
 class ArduPilotServer(MissionServer):
@@ -76,9 +79,15 @@ class ArduPilotServer(MissionServer):
         answers: list[Message] = []
         for receiving in list(self._receiving.values()):
             if now_us >= self._due_us(receiving):
-                answers += self._overdue(receiving, now_us)
+                answers += on_channel(receiving.channel, self._overdue(receiving, now_us))
         if self._queue and now_us >= self._tick_us:
-            answers += self._answer(self._queue.popleft(), now_us)
+            message = self._queue.popleft()
+            channel, before = getattr(message, "channel", 0), dict(self._receiving)
+            replies = self._answer(message, now_us)
+            if message.get_type() in ("MISSION_ITEM_INT", "MISSION_ITEM"):
+                begun = before.get(message.mission_type)
+                channel = channel if begun is None else begun.channel
+            answers += on_channel(channel, replies)
         return self._limited(answers)
 
     def forget_transfers(self) -> None:
@@ -174,6 +183,7 @@ class ArduPilotServer(MissionServer):
             no_space = ack(client, int(mavlink.MAV_MISSION_NO_SPACE), mission_type)
             return [no_space, text(WARNING, f"Only {most} items are supported")]
         receiving = Receiving(client, mission_type, message.count, now_us, now_us)
+        receiving.channel = getattr(message, "channel", 0)
         if mission_type != FENCE:
             self.cut |= mission_type == MISSION and message.count < len(self.items)
             del self.lists[mission_type][message.count :]

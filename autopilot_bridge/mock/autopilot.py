@@ -2,6 +2,10 @@
 
 The mock has no clock of its own: the times that are passed to it are those of the simulation.
 ``time_boot_ms`` counts from the first of these times.
+
+A mock has one or more *channels* (telemetry ports), each with its own sequence numbers. Telemetry
+and texts are sent on all channels, and a reply on the channel of its request. All channels have the
+same message rates.
 """
 
 from collections.abc import Callable
@@ -78,9 +82,12 @@ class MockAutopilot:
         self.missions.current_seq = lambda: self.flight.current
         self.flight.items = tuple(self.missions.items)
         self.ftp = FtpServer(self.missions)
-        self._codec = Codec(system_id, COMPONENT)
+        self._codecs = [Codec(system_id, COMPONENT)]  # of each channel
+        self._channel = 0  # of the datagram being received
+        self._replying_on = 0  # the channel of the last message with a target
+        self._ftp_channel = 0
         self.system_id = system_id
-        self._outgoing: list[bytes] = []
+        self._outgoing: list[Message] = []
         self._boot_us: int | None = None
         self._steps = 0
         self.intervals = Intervals(stack)
@@ -130,18 +137,38 @@ class MockAutopilot:
 
     # Data and timers ----------------------------------------------------------------------------
 
+    def open_channels(self, number: int) -> None:
+        """Set the number of channels, before the first datagram is sent."""
+        self._codecs = [Codec(self.system_id, COMPONENT) for _ in range(number)]
+
+    def receive_on_channel(self, channel: int, data: bytes, now_us: int) -> None:
+        """Process a datagram that arrived on a channel."""
+        self._channel = channel
+        self.receive_data(data, now_us)
+        self._channel = 0
+
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Process a datagram from any ground station."""
-        for message in self._codec.decode(data):
+        for message in self._codecs[0].decode(data):
             target = getattr(message, "target_system", self.system_id)
+            message.channel = self._channel
             broadcast = target == 0 and self.stack.name == "ardupilot"
             if target == self.system_id or broadcast:
                 self._receive(message, now_us)
 
     def data_to_send(self) -> list[bytes]:
-        """Remove and return the datagrams to send."""
+        """Remove and return the datagrams to send on a mock's only channel."""
+        return [datagram for _, datagram in self.channel_data_to_send()]
+
+    def channel_data_to_send(self) -> list[tuple[int, bytes]]:
+        """Remove and return the datagrams to send, each with its channel."""
         outgoing, self._outgoing = self._outgoing, []
-        return outgoing
+        every = range(len(self._codecs))
+        return [
+            (channel, self._codecs[channel].encode(message))
+            for message in outgoing
+            for channel in (every if message.channel is None else (message.channel,))
+        ]
 
     def next_timer(self) -> int:
         """Return the time of the next step or of the next repeated request."""
@@ -158,6 +185,7 @@ class MockAutopilot:
             self._apply_mission()
         replies = self.ftp.handle_timer(now_us)
         if replies:
+            self._replying_on = self._ftp_channel
             self._send(*replies)
             self._apply_mission()
         due = (now_us - self._boot_us) // STEP_US - self._steps
@@ -218,6 +246,7 @@ class MockAutopilot:
 
     def _receive(self, message: Message, now_us: int) -> None:
         kind = message.get_type()
+        self._replying_on = message.channel
         if kind in ("COMMAND_LONG", "COMMAND_INT"):
             self._command(message)
         elif kind == "HEARTBEAT" and message.type == mavlink.MAV_TYPE_GCS:
@@ -225,6 +254,7 @@ class MockAutopilot:
         elif kind == "MISSION_SET_CURRENT":
             self._set_current(message)
         elif kind == "FILE_TRANSFER_PROTOCOL":
+            self._ftp_channel = message.channel
             self.ftp.receive(message, now_us)
         elif kind.startswith("PARAM_"):
             self._send(*self.parameters.receive(message))
@@ -307,4 +337,9 @@ class MockAutopilot:
         self.flight.payload.execute(mavlink.MAV_CMD_DO_GRIPPER, (1.0, float(action)), at_us)
 
     def _send(self, *messages: Message) -> None:
-        self._outgoing.extend(self._codec.encode(message) for message in messages)
+        """Send messages; those without a target, and not tagged with a channel, on all channels."""
+        for message in messages:
+            if not hasattr(message, "channel"):
+                is_reply = getattr(message, "target_system", 0) != 0
+                message.channel = self._replying_on if is_reply else None
+        self._outgoing += messages

@@ -96,6 +96,14 @@ class MissionServer(ABC):
         return sent
 
 
+def on_channel(channel: int, messages: list[Message]) -> list[Message]:
+    """Return messages of which those to a ground station are sent on one channel."""
+    for message in messages:
+        if hasattr(message, "target_system"):
+            message.channel = channel
+    return messages
+
+
 def client_of(message: Message) -> Client:
     """Return the sender of a message."""
     return message.get_srcSystem(), message.get_srcComponent()

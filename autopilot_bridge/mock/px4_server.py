@@ -1,7 +1,7 @@
 """Simulates PX4's side of the mission protocol.
 
-The old list remains until the new list is complete. Each link (in the mock, each client) has its
-own state machine, and only one of the machines may receive a list at a time.
+The old list remains until the new list is complete. Each link (in the mock, each client on each
+channel) has its own state machine, and only one of the machines may receive a list at a time.
 """
 
 import math
@@ -29,6 +29,7 @@ from autopilot_bridge.mock.mission_server import (
     count_message,
     item_in,
     item_out,
+    on_channel,
     text,
 )
 from autopilot_bridge.mock.px4_items import (
@@ -62,6 +63,7 @@ class Manager:
     checksum: int = 0
     start_at: int = 0
     items: list[MissionItem] = field(default_factory=list)
+    channel: int = 0
 
 
 def critical(words: str) -> Message:
@@ -76,7 +78,7 @@ class Px4Server(MissionServer):
         super().__init__(stack, home)
         self.required: Callable[[], int] = lambda: 0
         self.ids = {MISSION: 0, FENCE: 0, RALLY: 0}
-        self._managers: dict[Client, Manager] = {}
+        self._managers: dict[tuple[Client, int], Manager] = {}  # by client and channel
         self._check_us: int | None = None
         self._reason: str | None = None
 
@@ -84,9 +86,9 @@ class Px4Server(MissionServer):
         """Process a message, and return the replies."""
         if message.target_component not in COMPONENTS:
             return []
-        client = client_of(message)
-        manager = self._managers.setdefault(client, Manager(client))
-        return self._limited(self._answer(manager, message, now_us))
+        client, channel = client_of(message), getattr(message, "channel", 0)
+        manager = self._managers.setdefault((client, channel), Manager(client, channel=channel))
+        return self._limited(on_channel(channel, self._answer(manager, message, now_us)))
 
     def next_timer(self) -> int | None:
         """Return the time of the next action: a repeated request, a timeout or a fence check."""
@@ -107,7 +109,7 @@ class Px4Server(MissionServer):
                 manager.state = "idle"
                 answers.append(critical("Operation timeout"))
             else:
-                answers.append(self._request(manager, now_us))
+                answers += on_channel(manager.channel, [self._request(manager, now_us)])
         if self._check_us is not None and now_us >= self._check_us:
             self._check_us = None
             answers += self._check_fence()
@@ -131,8 +133,8 @@ class Px4Server(MissionServer):
 
     def busy_with(self, client: Client) -> bool:
         """Return whether a transfer with this client is open."""
-        manager = self._managers.get(client)
-        return manager is not None and manager.state != "idle"
+        managers = self._managers.values()
+        return any(each.client == client and each.state != "idle" for each in managers)
 
     def _due_us(self, manager: Manager) -> int:
         gives_up_us = manager.received_us + self.constants.gives_up_us
@@ -182,7 +184,8 @@ class Px4Server(MissionServer):
                 self._replace(mission_type, [], 0, 0, now_us)
             return [ack(client, ACCEPTED, mission_type)]
         fresh = Manager(client, "getting", mission_type, manager.as_int, 0, message.count, now_us)
-        self._managers[client] = fresh
+        fresh.channel = manager.channel
+        self._managers[client, manager.channel] = fresh
         return [self._request(fresh, now_us)]
 
     def _request(self, manager: Manager, now_us: int) -> Message:

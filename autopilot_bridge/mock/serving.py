@@ -36,6 +36,32 @@ class MockGroup:
             peer.handle_timer(now_us)
 
 
+class ChannelGroup(MockGroup):
+    """Mocks with several channels: the peer of a connection with as many links."""
+
+    def __init__(self, mocks: Sequence[MockAutopilot], channels: int) -> None:
+        super().__init__(mocks)
+        self.called: dict[int, str] = {}
+        for mock in self.mocks:
+            mock.open_channels(channels)
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
+        """Process frames that arrived on a channel."""
+        for mock in self.mocks:
+            mock.receive_on_channel(link, b"".join(frames), now_us)
+
+    def receive_copies(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
+        """Ignore frames that were received on another channel before."""
+
+    def addressed_to_send(self) -> list[tuple[int, str, bytes]]:
+        """Return the frames to send, each with its channel, to all remotes."""
+        return [
+            (channel, "", frame)
+            for mock in self.mocks
+            for channel, frame in mock.channel_data_to_send()
+        ]
+
+
 _ID = b"\x00\x01\x00"  # message id 256 in a header; other datagrams are not parsed
 
 
@@ -82,7 +108,7 @@ class SigningServer:
 
 async def serve(
     mock: Peer,
-    link: str,
+    link: str | Sequence[str],
     speedup: float,
     clock: Callable[[], int],
     opened: Callable[[], None] = lambda: None,
@@ -91,6 +117,7 @@ async def serve(
 ) -> None:
     """Run a mock or a group on a link until cancelled; ``clock`` returns real microseconds.
 
+    A ``ChannelGroup`` has several links. It does not receive keys from SETUP_SIGNING.
     ``opened`` is called when the link is open. If ``learns`` is given, a group signs with the keys
     that it receives; ``learns`` returns the ``Signing`` object for a key.
     """
@@ -100,11 +127,13 @@ async def serve(
         return int((clock() - began_us) * speedup)
 
     peer = mock
-    if learns is not None and isinstance(mock, MockGroup):
+    channels = isinstance(mock, ChannelGroup)
+    if learns is not None and isinstance(mock, MockGroup) and not channels:
         peer = SigningServer(
             mock, lambda key: connection.change_signing(None if key is None else learns(key))
         )
-    connection = Connection(link, peer, simulation_us, rate=speedup, signing=signing)
+    link_ids = 0 if isinstance(link, str) else range(len(link))
+    connection = Connection(link, peer, simulation_us, speedup, None, signing, link_ids)
     async with connection:
         opened()
         while True:

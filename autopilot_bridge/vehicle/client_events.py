@@ -7,6 +7,7 @@ from autopilot_bridge.missions.transfer import Kind, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.aircraft_seen import AircraftSeen
 from autopilot_bridge.vehicle.camera_telemetry import CameraEvent
+from autopilot_bridge.vehicle.link_selection import Cause, LinkStatus
 from autopilot_bridge.vehicle.parameters import ParametersResult
 
 DropOutcome = Literal["done", "refused", "unknown"]
@@ -34,6 +35,20 @@ class LinkRestored:
     """A HEARTBEAT has arrived after the link was lost."""
 
     at_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class LinksChanged:
+    """The states of the vehicle's links, the preferred link first, and the link in use.
+
+    ``cause`` is set if the link in use has changed: the link used before was silent, lost frames,
+    or was less preferred than a link that has recovered.
+    """
+
+    at_us: int
+    links: tuple[LinkStatus, ...]
+    in_use: str
+    cause: Cause
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,6 +356,7 @@ ClientEvent = (
     | Connected
     | LinkLost
     | LinkRestored
+    | LinksChanged
     | Rebooted
     | TelemetryEvent
     | CameraEvent

@@ -96,6 +96,11 @@ class VehicleMonitor:
         self._lost = True
         return [LinkLost(now_us, now_us - self._received_us)]
 
+    def keep_alive(self, now_us: int) -> None:
+        """Record a HEARTBEAT that is otherwise not used, because it also came over another link."""
+        if self._received_us is not None and not self._lost:
+            self._received_us = now_us
+
     def alarm_timer(self) -> int | None:
         """Return the time of the next ``end_alarms`` call."""
         return min(self._alarms.values()) if self._alarms else None

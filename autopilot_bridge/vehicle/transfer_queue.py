@@ -215,6 +215,18 @@ class TransferQueue:
             self._commanded_modes.expect((self._job.exchange.new_mode,), now_us)
         return messages
 
+    def link_switched(self, now_us: int) -> list[Message]:
+        """Continue the active transfer over another link of the vehicle.
+
+        Each link of PX4 has its own state machine of transfers, and ArduPilot sends its requests
+        over the link on which an upload began. Transfers by items therefore begin again. Other
+        requests are repeated over the new link when their replies are overdue.
+        """
+        exchange = None if self._job is None else self._job.exchange
+        if isinstance(exchange, MissionUpload | MissionDownload) and exchange.result is None:
+            return exchange.begin_again(now_us)
+        return []
+
     def next_timer(self) -> int | None:
         """Return the time of the next ``handle_timer`` call; None if no job is active."""
         if self._job is None or self._job.exchange is None:

@@ -143,12 +143,12 @@ def within(
 
 def _timeout_error(line: Line, client: NativeClient, connection: Connection) -> str:
     """Return the error message for a transfer that has timed out."""
-    refused = refusal(connection.counts, line.link)
+    refused = refusal(connection.ports[0].counts, line.link)
     if client.stack is None and refused:
         return f"{line.link}: no autopilot was accepted within {line.timeout_s:g} s: {refused}"
     problem = "the transfer did not end" if client.stack else "no autopilot was found"
     remedy = "check that it is running and that this is its port"
-    if connection.receives_signed:
+    if connection.ports[0].receives_signed:
         remedy = key_missing(line.link)
     return f"{line.link}: {problem} within {line.timeout_s:g} s; {remedy}"
 

@@ -20,7 +20,7 @@ class MockOptions:
     count: int
     system_id: int
     home: str
-    link: str | None
+    link: tuple[str, ...]
     listen: str | None
     speedup: float
     wind: str
@@ -49,7 +49,9 @@ class MockOptions:
 @click.option("--home", default="36.6,-84.2,300", help="Home as LAT,LON,ALTITUDE_AMSL_M.")
 @click.option(
     "--link",
-    help="Default: udpout:127.0.0.1:14550; with SCENARIO, the vehicle's link in the scenario.",
+    multiple=True,
+    help="Default: udpout:127.0.0.1:14550; with SCENARIO, the vehicle's links in the scenario. A "
+    "second --link is a second telemetry port of the same vehicles.",
 )
 @click.option("--listen", help="Instead of --link: listen on HOST:PORT (UDP), udpin or tcpin.")
 @click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
@@ -118,13 +120,13 @@ def mock(scenario: str | None, **values: Any) -> None:
         options.seed,
         read_parameters(options.parameters),
     )
-    link = listening(options.listen) if options.listen else options.link
+    links = (listening(options.listen),) if options.listen else options.link
     if scenario:
-        mocks = from_scenario(scenario, vehicle, link, environment)
+        mocks = from_scenario(scenario, vehicle, links, environment)
     else:
         kind, first = vehicle or "plane", options.system_id
         fleet = by_hand(options.stack, kind, first, options.home, options.count, environment)
-        mocks = [MocksOnLink(fleet, link or "udpout:127.0.0.1:14550")]
+        mocks = [MocksOnLink(fleet, links or ("udpout:127.0.0.1:14550",))]
     if options.signing_key is not None:
         mocks = [replace(each, signing_key=options.signing_key) for each in mocks]
     run(mocks, options.speedup, options.as_json, click.echo, options.until_eof)

@@ -59,14 +59,14 @@ async def _change_and_check(
         client.download(clock_us(), by_file=False)  # the signatures of the reply are checked
         connection.flush()
         answer = await _until(client, connection, TransferFinished)
-        if answer.result.outcome != "accepted" or connection.receives_signed:
+        if answer.result.outcome != "accepted" or connection.ports[0].receives_signed:
             raise MissionServiceError(_failure(line.link, system, connection, signing))
     return system
 
 
 def _failure(link: str, system: int, connection: Connection, signing: Signing | None) -> str:
     """Return the error message for a vehicle whose answer does not confirm the change of key."""
-    vehicle, counts = f"{link}: vehicle {system}", connection.counts
+    vehicle, counts = f"{link}: vehicle {system}", connection.ports[0].counts
     if signing is None:
         return f"{vehicle} still signs, or does not answer; check its key, and that it is disarmed"
     if counts.wrong:

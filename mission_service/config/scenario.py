@@ -188,7 +188,8 @@ def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
         except BridgeError as error:
             raise ValueError(f"{vehicle.name}: {error}") from None
         for other in vehicles:
-            if other is not vehicle and _port(other.link) == _port(vehicle.link):
+            ports = [_port(link) for link in other.links]
+            if other is not vehicle and _port(vehicle.link) in ports:
                 raise ValueError(
                     f"{vehicle.name} and {other.name} have the same port ({vehicle.link}); with "
                     'backend = "mavsdk" each vehicle needs a separate port'

@@ -251,10 +251,11 @@ class VehicleSection(Section):
     stack: Literal["px4", "ardupilot"] = "px4"
     kind: Literal["plane", "copter"] = "plane"
     link: str = "udpin:127.0.0.1:14550"
+    backup_link: str | None = None  # a second link, used while ``link`` is silent or loses frames
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
     backend: Literal["native", "mavsdk"] = "native"
     signing_key: str | None = None  # source of the key; journals must not contain the key itself
-    # The default is the vehicle's index in the scenario, from 0.
+    # The default is the vehicle's index in the scenario, from 0; the backup link has another id.
     signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None
     home_lat_deg: Latitude
     home_lon_deg: Longitude
@@ -302,6 +303,20 @@ class VehicleSection(Section):
     def _speeds_in_order(self) -> "VehicleSection":
         if self.min_airspeed_m_s >= self.max_airspeed_m_s:
             raise ValueError("min_airspeed_m_s must be less than max_airspeed_m_s")
+        return self
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The addresses of the vehicle's links, the preferred link first."""
+        return (self.link,) if self.backup_link is None else (self.link, self.backup_link)
+
+    @model_validator(mode="after")
+    def _backup_is_native(self) -> "VehicleSection":
+        if self.backup_link is not None and self.backend == "mavsdk":
+            raise ValueError(
+                'backend = "mavsdk" cannot use a backup_link; remove this key, or use backend = '
+                '"native"'
+            )
         return self
 
     @model_validator(mode="after")

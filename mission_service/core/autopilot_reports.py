@@ -18,7 +18,12 @@ OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
 # ArduCopter sends this text with severity critical after each change of the mission that it flies.
 OF_UPLOADS, AFTER_UPLOAD_S = "Auto mission changed, restarted command", 5.0
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
-LANDED, THRUST, REMOTE_ID = "landed", "thrust", "remote_id"
+LINK_CAUSES = {  # why the link in use has changed
+    "silent": "the link used before is silent",
+    "loss": "the link used before loses frames",
+    "recovered": "this link works again",
+}
+LANDED, THRUST, ONE_LINK, REMOTE_ID = "landed", "thrust", "one_link", "remote_id"
 REMOTE_ID_AFTER_S = 3.0  # the module reports once a second, also after an interruption of the link
 
 
@@ -45,6 +50,8 @@ def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
             sinks = f"sinks by {-event.climb_m_s:g} m/s at {event.throttle_percent} % of throttle"
             words = f"{sinks}: engine failure, ice or a downdraught; no command is sent for it"
             return _alarm(vehicle, THRUST, failed, words, "severe")
+        case events.LinksReported() if len(event.links) > 1:
+            return _links(vehicle, event)
         case events.LandedStateChanged(state="landing") if vehicle.availability.airborne:
             return [announce(vehicle, "landing", warning=True)]
         case events.LandedStateChanged():
@@ -102,6 +109,26 @@ def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         return []
     vehicle.text_at_s = None
     return [ClearAlarm(vehicle.name, TEXT)]
+
+
+def _links(vehicle: Vehicle, event: events.LinksReported) -> list[AnyCommand]:
+    """Announce a change of the link in use, and raise an alarm if only one link is left.
+
+    If all links are silent, the link counts as lost, which has its own alarm.
+    """
+    silent = tuple(each.link for each in event.links if each.state == "silent")
+    before, vehicle.silent_links = vehicle.silent_links, silent
+    commands: list[AnyCommand] = []
+    if event.cause:
+        sent = f"messages are sent over {event.in_use} now: {LINK_CAUSES[event.cause]}"
+        commands.append(announce(vehicle, sent))
+    if silent == before:
+        return commands
+    left = [each.link for each in event.links if each.state != "silent"]
+    if not silent or not left:
+        return [*commands, ClearAlarm(vehicle.name, ONE_LINK)]
+    words = f"only one link is left: {', '.join(silent)} is silent"
+    return [*commands, *_alarm(vehicle, ONE_LINK, True, words, "warning")]
 
 
 def _text(vehicle: Vehicle, event: events.AutopilotText) -> list[AnyCommand]:

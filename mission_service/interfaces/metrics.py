@@ -5,7 +5,7 @@ The keys of these functions are the names in ``FIGURES``.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
@@ -16,6 +16,7 @@ from prometheus_client.registry import Collector
 from mission_service import __version__
 from mission_service.journal.segments import closed_segments, newest_state
 from mission_service.runtime.clocks import last_written_s, wall_us
+from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.run_context import RunContext
 
 PREFIX = "mission_service_"
@@ -27,6 +28,17 @@ FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
     "vehicles": ("Vehicles that this process flies.", ()),
     "vehicles_online": ("Vehicles whose link is up.", ()),
     "vehicle_online": ("1 while the vehicle's link is up.", ("vehicle",)),
+    "link_up": ("1 while frames of the vehicle arrive over the link.", ("vehicle", "link")),
+    "link_in_use": ("1 if the service sends over the link.", ("vehicle", "link")),
+    "link_loss_ratio": (
+        "Share of the vehicle's frames lost in the last seconds; absent while unknown.",
+        ("vehicle", "link"),
+    ),
+    "link_silent_seconds": (
+        "Time since the last frame on a silent link; absent while frames arrive.",
+        ("vehicle", "link"),
+    ),
+    "link_switches_total": ("Changes of the link in use, by cause.", ("vehicle", "cause")),
     "vehicle_battery_percent": ("Battery charge that the vehicle reports.", ("vehicle",)),
     "vehicle_time_on_task_seconds": (
         "Time until the vehicle must fly home; negative after this time; absent on the ground.",
@@ -96,6 +108,7 @@ class MetricsCollector(Collector):
 
 
 Samples = list[tuple[tuple[str, ...], float]]
+Add = Callable[[str, tuple[str, ...], float], None]
 
 
 def _of_run(context: RunContext) -> Iterable[tuple[str, Samples]]:
@@ -126,6 +139,22 @@ def _bytes_of(journal: Path) -> int:
     return sum(segment.stat().st_size for segment in segments if segment.exists())
 
 
+def _add_links(context: RunContext, state: VehicleState, add: Add) -> None:
+    """Add the metrics of a vehicle's links."""
+    for each in state.links:
+        labels = (state.vehicle, each.link)
+        add("link_up", labels, each.state in ("up", "degraded"))
+        add("link_in_use", labels, each.in_use)
+        if each.loss_pct is not None:
+            add("link_loss_ratio", labels, each.loss_pct / 100.0)
+        if each.silent_since_us is not None:
+            silent_us = context.clock.now_us - each.silent_since_us
+            add("link_silent_seconds", labels, silent_us / 1e6)
+    switches = context.state_view.statistics.vehicles[state.vehicle].sortie.links.switches
+    for cause, count in sorted(switches.items()):
+        add("link_switches_total", (state.vehicle, cause), count)
+
+
 def _of_vehicles(context: RunContext) -> dict[str, Samples]:
     found: dict[str, Samples] = {}
 
@@ -138,6 +167,7 @@ def _of_vehicles(context: RunContext) -> dict[str, Samples]:
     add("vehicles_online", (), sum(online))
     for name, state in state_view.vehicles.items():
         add("vehicle_online", (name,), state.link == "online")
+        _add_links(context, state, add)
         if state.battery_pct is not None:
             add("vehicle_battery_percent", (name,), state.battery_pct)
         if state.time_on_task_s is not None:

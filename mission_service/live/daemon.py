@@ -413,8 +413,7 @@ def _check_links(context: RunContext, link_monitor: LinkMonitor, now_us: int) ->
         else:
             context.state_view.clear_alarm(f"{kind}/{name}")
     for name, link in context.links.items():
-        connection = link.connection
-        for line in link.refusals.new_reports(connection.counts, connection.receives_signed):
+        for line in link.signing_reports():
             context.service.announce(name, line)
     context.clock.wall_passed(now_us)
     context.service.advance_fire(context.clock.now_us)

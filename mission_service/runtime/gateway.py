@@ -46,7 +46,9 @@ from mission_service.events import (
     GpsFixChanged,
     LandedStateChanged,
     LinkLost,
+    LinkQuality,
     LinkRestored,
+    LinksReported,
     MissionProgress,
     MissionReadBack,
     ModeChanged,
@@ -378,6 +380,16 @@ class Gateway:
         words = "" if isinstance(event, bridge.AlarmEnded) else str(event)
         self.link_alarms.append((event.kind, words))
 
+    def _links_changed(self, event: bridge.LinksChanged, now_us: int) -> LinksReported:
+        found = []
+        for status in event.links:
+            loss = None if status.loss_share is None else round(status.loss_share, 3)
+            since_us = None
+            if status.state == "silent" and status.received_us is not None:
+                since_us = now_us - (event.at_us - status.received_us)
+            found.append(LinkQuality(status.link, status.state, loss, since_us))
+        return LinksReported(now_us, self.name, tuple(found), event.in_use, event.cause)
+
     def _clock_changed(self, event: bridge.ClockChanged, now_us: int) -> None:
         self._offset_us = None
 
@@ -508,6 +520,7 @@ class Gateway:
         bridge.RemoteChanged: _link_alarm,
         bridge.Implausible: _link_alarm,
         bridge.AlarmEnded: _link_alarm,
+        bridge.LinksChanged: _links_changed,
         bridge.ClockChanged: _clock_changed,
         AircraftSeen: _aircraft_seen,
         bridge.Rebooted: _rebooted,

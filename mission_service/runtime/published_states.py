@@ -91,6 +91,16 @@ class AirspaceStatus(msgspec.Struct, tag="airspace/1", tag_field="schema"):
     clearing: ClearingStatus | None = None
 
 
+class LinkState(msgspec.Struct):
+    """The quality of one link of a vehicle."""
+
+    link: str  # its address
+    state: Literal["waiting", "up", "degraded", "silent"]
+    in_use: bool  # whether the service sends over this link
+    loss_pct: float | None  # frames lost in the last ten seconds; null if unknown
+    silent_since_us: int | None  # time of the last frame on a silent link
+
+
 class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     """The status of a vehicle, without its position and mission."""
 
@@ -102,6 +112,7 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     home_lat_deg: float
     home_lon_deg: float
     link: Literal["never heard", "online", "lost"] = "never heard"
+    links: tuple[LinkState, ...] = ()  # the preferred link first
     detected_stack: str = ""
     mode: str = ""
     armed: bool = False

@@ -1,7 +1,7 @@
 """Computes a vehicle's statistics: missions, time in the air, commands, modes, link losses."""
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +19,7 @@ from mission_service.commands import (
 from mission_service.events import (
     CommandFinished,
     LinkLost,
+    LinksReported,
     MissionProgress,
     ModeChanged,
     Telemetry,
@@ -29,7 +30,53 @@ from mission_service.events import (
 from mission_service.ground_distance import distance_m
 from mission_service.vehicles.availability import AIRBORNE_M
 
+MAX_CHANGES = 1000
 GAP_US = 5_000_000  # a longer gap between positions counts as no flight
+
+
+@dataclass
+class LinkUse:
+    """The use and the quality of the links of one vehicle, over mission time."""
+
+    switches: Counter[str] = field(default_factory=Counter)  # by cause
+    # The last changes of the link in use: time, link, cause.
+    changes: deque[tuple[int, str, str]] = field(default_factory=lambda: deque(maxlen=MAX_CHANGES))
+    _us: dict[str, Counter[str]] = field(default_factory=dict)  # by link: durations in us
+    _last: LinksReported | None = None
+    _counted_us: int = 0
+
+    def on_event(self, event: VehicleEvent) -> None:
+        """Count the time since the last event, and the changes in a report."""
+        if self._last is not None and event.at_us > self._counted_us:
+            self._count(self._last, event.at_us - self._counted_us)
+        self._counted_us = max(self._counted_us, event.at_us)
+        if isinstance(event, LinksReported):
+            self._last = event
+            if event.cause:
+                self.switches[event.cause] += 1
+                self.changes.append((event.at_us, event.in_use, event.cause))
+
+    def _count(self, report: LinksReported, during_us: int) -> None:
+        for each in report.links:
+            spent_us = self._us.setdefault(each.link, Counter())
+            spent_us["observed"] += during_us
+            spent_us[each.state] += during_us
+            spent_us["in use"] += during_us * (each.link == report.in_use)
+            if each.loss_share is not None and each.state != "silent":
+                spent_us["loss known"] += during_us
+                spent_us["lost"] += round(during_us * each.loss_share)
+
+    def of_links(self) -> list[dict[str, Any]]:
+        """Return the figures of each link; the mean loss is over the time in which it was known."""
+        found = []
+        for link, spent_us in sorted(self._us.items()):
+            known_us = spent_us["loss known"]
+            row: dict[str, Any] = {"link": link}
+            for key in ("observed", "in use", "degraded", "silent"):
+                row[f"{key.replace(' ', '_')}_s"] = round(spent_us[key] / 1e6, 1)
+            row["mean_loss_pct"] = round(100 * spent_us["lost"] / known_us, 1) if known_us else None
+            found.append(row)
+        return found
 
 
 @dataclass
@@ -47,6 +94,7 @@ class Sortie:
     refused: Counter[str] = field(default_factory=Counter)
     modes: Counter[str] = field(default_factory=Counter)
     link_losses: int = 0
+    links: LinkUse = field(default_factory=LinkUse)
     autopilot_restarts: int = 0
     announcements: Counter[str] = field(default_factory=Counter)
     _mode: str = ""
@@ -56,6 +104,7 @@ class Sortie:
 
     def on_event(self, event: VehicleEvent) -> None:
         """Process an event."""
+        self.links.on_event(event)
         match event:
             case Telemetry():
                 self._moved(event)
@@ -100,6 +149,8 @@ class Sortie:
             "refused": dict(sorted(self.refused.items())),
             "modes": dict(sorted(self.modes.items())),
             "link_losses": self.link_losses,
+            "links": self.links.of_links(),
+            "link_switches": dict(sorted(self.links.switches.items())),
             "autopilot_restarts": self.autopilot_restarts,
             "announcements": dict(sorted(self.announcements.items())),
         }

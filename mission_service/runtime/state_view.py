@@ -53,6 +53,7 @@ from mission_service.events import (
     GpsFixChanged,
     LinkLost,
     LinkRestored,
+    LinksReported,
     MissionProgress,
     MissionRefused,
     ModeChanged,
@@ -80,6 +81,7 @@ from mission_service.runtime.alarms.notices import Notices
 from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.published_states import (
     ClearingStatus,
+    LinkState,
     Mission,
     MissionState,
     NearbyAircraft,
@@ -100,7 +102,7 @@ OF_AIRSPACE = (AirspaceClosed, AirspaceOpened, ClearingOrdered, ClearingCancelle
 OF_FIRE = ("edge", "input")  # prefixes of alarms about the fire, which persist after a restart
 # Prefixes of the alarms that follow from the flight; all others concern the service itself.
 OF_FLIGHT = (
-    *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
+    *("link", "one_link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
     *("observer", "sensor", "estimate", "lost_link", "energy", "overdue"),
     *("airspace", "clearing", "airspeed", "thrust", "landing", "aircraft", "preflight", "relief"),
@@ -269,7 +271,7 @@ class StateView(Notices):
                     self._withdrawn(event.vehicle)
             case Resumed():
                 for name, vehicle in self.vehicles.items():
-                    vehicle.link = "never heard"
+                    vehicle.link, vehicle.links = "never heard", ()
                     self._touch(f"vehicle/{name}")
                     self._withdrawn(name)
                 self._touch("status")
@@ -325,6 +327,18 @@ class StateView(Notices):
         if isinstance(event, VehicleConnected):
             vehicle.detected_stack = event.stack
             self.clear_alarm(f"silent/{name}")
+
+    def _links(self, vehicle: VehicleState, event: LinksReported) -> None:
+        vehicle.links = tuple(
+            LinkState(
+                each.link,
+                each.state,
+                each.link == event.in_use,
+                None if each.loss_share is None else round(100.0 * each.loss_share, 1),
+                each.silent_since_us,
+            )
+            for each in event.links
+        )
 
     def _rebooted(self, vehicle: VehicleState, event: VehicleRebooted) -> None:
         self.missions[vehicle.vehicle] = MissionState(event.at_us, vehicle.vehicle)
@@ -544,6 +558,7 @@ class StateView(Notices):
         VehicleConnected: _linked,
         LinkLost: _linked,
         LinkRestored: _linked,
+        LinksReported: _links,
         VehicleRebooted: _rebooted,
         ModeChanged: _mode_changed,
         ParametersReported: _parameters,

@@ -1,7 +1,8 @@
 """Opens each link of a live run once, with a client for each vehicle on the link.
 
 Vehicles on the same link have different system ids. Each vehicle is bound to the remote address at
-which the vehicle was found (``autopilot_bridge/vehicle/remote_binding.py``).
+which the vehicle was found (``autopilot_bridge/vehicle/remote_binding.py``). The links of vehicles
+that share a link or a backup link are opened by one connection.
 """
 
 import asyncio
@@ -15,7 +16,7 @@ from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.clients.mavsdk import MavsdkClient
 from autopilot_bridge.clients.mavsdk_library import MAVSDK_IDS
 from autopilot_bridge.clients.shared_link import SharedLink
-from autopilot_bridge.links.asyncio_connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection, Port
 from autopilot_bridge.links.signing import Signing
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.stacks.link_loss import STATION_ID
@@ -40,6 +41,7 @@ REPORT_SILENCE_AFTER_US = 4_000_000
 # Vehicles exceed the commanded airspeed: ArduPlane flew at 23 instead of 15 m/s, and faster in a
 # dive.
 FASTER = 2.0
+BACKUP_ID = 127  # difference between the link ids of a vehicle's links, which are below 255
 STRONGEST_WIND_M_S = 30.0  # wind assumed for flights, unless the scenario has stronger wind
 SEVERITIES: dict[str, Severity] = {
     "source": "severe",
@@ -59,12 +61,21 @@ class Link:
     section: VehicleSection
     gateway: Gateway
     connection: Connection | MavsdkClient  # shared with other vehicles on the same link
-    refusals: SigningRefusals
+    ports: tuple[Port, ...]  # those of the vehicle's links, the preferred link first
+    refusals: tuple[SigningRefusals, ...]  # of each port
 
     @property
     def connected(self) -> bool:
         """Whether the autopilot has been connected since the service began."""
         return self.gateway.client.stack is not None
+
+    def signing_reports(self) -> list[str]:
+        """Return the new reports on the signing of frames, one line each."""
+        return [
+            line
+            for port, refusals in zip(self.ports, self.refusals, strict=True)
+            for line in refusals.new_reports(port.counts, port.receives_signed)
+        ]
 
 
 def max_speed_m_s(section: VehicleSection, scenario: Scenario) -> float:
@@ -110,11 +121,13 @@ async def open_links(
     for sections in groups:
         first = sections[0]
         signing = signing_of.get(first.signing_key)
-        link_id = first.signing_link_id
-        if link_id is None:
-            link_id = places[first.name] % 256
-        clients, connection = _clients_of(sections, scenario, clock_us, tlog, signing, link_id)
+        addresses = tuple(dict.fromkeys(link for each in sections for link in each.links))
+        link_ids = _link_ids(sections, addresses, places)
+        clients, connection = _clients_of(
+            sections, scenario, clock_us, tlog, signing, dict(zip(addresses, link_ids, strict=True))
+        )
         await stack.enter_async_context(connection)
+        port_of = {port.address: port for port in connection.ports}
         for section, client in zip(sections, clients, strict=True):
             gateway = Gateway(
                 section.name,
@@ -125,9 +138,31 @@ async def open_links(
                 camera_reports_of(scenario, section.name),
                 ParameterReports(section.name, client, _station_id(section)),
             )
-            refusals = SigningRefusals(section.link, section.system_id, signing)
-            links[section.name] = Link(section, gateway, connection, refusals)
+            links[section.name] = Link(
+                section,
+                gateway,
+                connection,
+                tuple(port_of[link] for link in section.links),
+                tuple(SigningRefusals(link, section.system_id, signing) for link in section.links),
+            )
     return {name: links[name] for name in places}
+
+
+def _link_ids(
+    sections: list[VehicleSection], addresses: tuple[str, ...], places: dict[str, int]
+) -> list[int]:
+    """Return the link id of signatures for each link; those of a vehicle's links differ.
+
+    A receiver accepts only increasing timestamps from the same link id, and frames over two links
+    may overtake each other.
+    """
+    of_link: dict[str, int] = {}
+    for section in sections:
+        given = section.signing_link_id
+        first = places[section.name] % 256 if given is None else given
+        for number, link in enumerate(section.links):
+            of_link.setdefault(link, first if number == 0 else (first + BACKUP_ID) % 255)
+    return [of_link[address] for address in addresses]
 
 
 def _station_id(section: VehicleSection) -> int:
@@ -141,22 +176,33 @@ def _clients_of(
     clock_us: Clock,
     tlog: Tlog | None,
     signing: Signing | None,
-    link_id: int,
+    link_ids: dict[str, int],
 ) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
-    """Return the clients of the vehicles on the same link, and their connection, not yet open."""
+    """Return the clients of vehicles that share links, and their connection, not yet open.
+
+    ``link_ids`` contains the link ids of signatures for the addresses of all links.
+    """
     first = sections[0]
     if first.backend == "mavsdk":
         fastest_m_s = max_speed_m_s(first, scenario)
         vehicle = MavsdkClient(
-            first.link, first.system_id, clock_us, tlog, signing, link_id, fastest_m_s
+            *(first.link, first.system_id, clock_us, tlog, signing, link_ids[first.link]),
+            fastest_m_s,
         )
         return [vehicle], vehicle
     signed = signing is not None
-    link = SharedLink(first.link, rates_hz=rates_hz(scenario), expects=True, signed=signed)
+    addresses = tuple(link_ids)
+    link = SharedLink(addresses, rates_hz=rates_hz(scenario), expects=True, signed=signed)
     clients = [
-        link.expect(section.system_id, max_speed_m_s(section, scenario)) for section in sections
+        link.expect(
+            section.system_id,
+            max_speed_m_s(section, scenario),
+            tuple(addresses.index(each) for each in section.links),
+        )
+        for section in sections
     ]
-    connection = Connection(first.link, link, clock_us, tlog=tlog, signing=signing, link_id=link_id)
+    signs_as = tuple(link_ids.values())
+    connection = Connection(addresses, link, clock_us, tlog=tlog, signing=signing, link_id=signs_as)
     return clients, connection
 
 
@@ -193,8 +239,9 @@ class LinkMonitor:
             return []
         found = []
         for name, link in self._unreported.items():
-            address = link.section.link
-            refused = refusal(link.connection.counts, address)
+            address = " or ".join(link.section.links)
+            refusals = [refusal(port.counts, port.address) for port in link.ports]
+            refused = next(filter(None, refusals), None)
             if not link.connected and refused is not None:
                 found.append((name, f"no frame accepted yet: {refused}"))
             elif not link.connected:

@@ -60,7 +60,8 @@ def _mock_process(
     command = [
         *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path(scenario))),
         *("--until-eof", "--vehicle", section.name),
-        *("--speedup", str(speedup), "--link", other_end(section.link)),
+        *("--speedup", str(speedup)),
+        *(word for link in section.links for word in ("--link", other_end(link))),
     ]
     if section.signing_key is not None:
         command += ["--signing-key", section.signing_key]

@@ -5,7 +5,7 @@ import contextlib
 import json
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
@@ -18,7 +18,7 @@ from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.mock.kinematics import CALM, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.mock_camera import CapturedImage
-from autopilot_bridge.mock.serving import MockGroup, serve
+from autopilot_bridge.mock.serving import ChannelGroup, MockGroup, serve
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
@@ -147,31 +147,34 @@ def by_hand(
 
 @dataclass(frozen=True)
 class MocksOnLink:
-    """The mocks on one link; ``signing_key`` is the source of the mocks' key."""
+    """The mocks on one link, or on several if each mock has as many telemetry ports.
+
+    ``signing_key`` is the source of the mocks' key.
+    """
 
     fleet: MockGroup
-    link: str
+    links: tuple[str, ...]
     signing_key: str | None = None
 
 
 def from_scenario(
-    name: str, vehicle: str | None, link: str | None, around: MockEnvironment
+    name: str, vehicle: str | None, links: tuple[str, ...], around: MockEnvironment
 ) -> list[MocksOnLink]:
     """Make mocks for a scenario's vehicles, on the ground at their homes.
 
-    Without ``link``, each mock connects to the link of its vehicle. Without ``vehicle``, a mock is
-    made for the first vehicle, or for each vehicle if ``link`` is also None.
+    Without ``links``, each mock connects to the links of its vehicle. Without ``vehicle``, a mock
+    is made for the first vehicle, or for each vehicle if ``links`` is also empty.
     """
     scenario = flying(load_scenario(name))
     landscape = landscape_of(scenario)
-    if vehicle is None and link is None:
+    if vehicle is None and not links:
         sections = list(scenario.vehicles)
     else:
         sections = [vehicle_of(scenario, vehicle)]
     return [
         MocksOnLink(
             _of_section(section, scenario, landscape, around),
-            link or other_end(section.link),
+            links or tuple(map(other_end, section.links)),
             section.signing_key,
         )
         for section in sections
@@ -209,14 +212,14 @@ def listening(listen: str) -> str:
     return link
 
 
-def describe(fleet: MockGroup, link: str, speedup: float) -> list[dict[str, Any]]:
-    """Return a dictionary for each mock: system id, stack, link, home and wind."""
+def describe(fleet: MockGroup, links: Sequence[str], speedup: float) -> list[dict[str, Any]]:
+    """Return a dictionary for each mock: system id, stack, links, home and wind."""
     return [
         {
             "system_id": mock.system_id,
             "stack": mock.stack.name,
             "vehicle": mock.stack.vehicle,
-            "link": link,
+            "link": " and ".join(links),
             "speedup": speedup,
             "home_lat_deg": round(mock.flight.frame.lat_deg, 7),
             "home_lon_deg": round(mock.flight.frame.lon_deg, 7),
@@ -247,13 +250,21 @@ def run(
         return Signing(key, timestamps)
 
     async def fly(mocks: MocksOnLink) -> None:
+        fleet = mocks.fleet
+        if len(mocks.links) > 1:
+            if len(fleet.mocks) > sum(isinstance(peer, MockAutopilot) for peer in fleet.peers):
+                raise MissionServiceError(
+                    "--fault: mocks with faults have one link; give one --link"
+                )
+            fleet = ChannelGroup(fleet.mocks, len(mocks.links))
+
         def opened() -> None:
-            for description in describe(mocks.fleet, mocks.link, speedup):
+            for description in describe(fleet, mocks.links, speedup):
                 echo(json.dumps(description) if as_json else _line(description))
 
         key = mocks.signing_key
         signing = None if key is None else Signing(read_key(key), timestamps)
-        await serve(mocks.fleet, mocks.link, speedup, clock_us, opened, signing, signing_with)
+        await serve(fleet, mocks.links, speedup, clock_us, opened, signing, signing_with)
 
     async def until_ended() -> None:
         task = asyncio.current_task()

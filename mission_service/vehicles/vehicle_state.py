@@ -124,6 +124,7 @@ class Vehicle:
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
     remote_id: RemoteIdReport = field(default_factory=RemoteIdReport)
+    silent_links: tuple[str, ...] = ()  # those of several links that are silent
     lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown
     lost_link_problem: str = ""  # what is wrong with this reaction, and the remedy
     return_flight: ReturnFlight = UNREAD  # by its parameters, as far as they were read

@@ -135,7 +135,7 @@ def test_an_unreachable_network_is_silence_but_a_forbidden_address_is_reported()
         peer = Peer()
         async with Connection(f"udpout:127.0.0.1:{free_port()}", peer, clock_us) as connection:
             await connection.wait()
-            wire = connection._transport
+            wire = connection.ports[0].transport
             for code in (errno.ENETUNREACH, errno.ECONNREFUSED, errno.EHOSTUNREACH):
                 wire.error_received(OSError(code, os.strerror(code)))  # type: ignore[attr-defined]
             with pytest.raises(TimeoutError):
@@ -263,7 +263,7 @@ def test_what_a_remote_does_not_read_is_dropped_in_whole_frames() -> None:
             for _ in range(1000):
                 peer.outgoing = [frame] * 300
                 connection.flush()
-            (stream,) = connection._transport._streams  # type: ignore[attr-defined]
+            (stream,) = connection.ports[0].transport._streams  # type: ignore[attr-defined]
             waiting = stream.out.get_write_buffer_size()
             assert MAX_UNSENT_BYTES < waiting < MAX_UNSENT_BYTES + 300 * len(frame)
             closing = asyncio.create_task(stream.close())

@@ -10,6 +10,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from mission_service.config.service_section import JournalSection
+from mission_service.events import LinkQuality, LinksReported
 from mission_service.interfaces.metrics import FIGURES, PREFIX, metrics_of
 from mission_service.journal.snapshot import Known
 from mission_service.runtime.journal_retention import JournalRetention
@@ -61,6 +62,19 @@ def test_alarms_are_counted_by_kind_until_they_are_cleared(context: RunContext) 
     context.state_view.clear_alarm("link/hawk")
     context.state_view.clear_alarm("link/kite")
     assert figures(context).get(kinds, {}) == before
+
+
+def test_the_quality_of_each_link_is_exported(context: RunContext) -> None:
+    now_us = context.clock.now_us
+    quality = (LinkQuality("a", "silent", None, now_us - 7_000_000), LinkQuality("b", "up", 0.25))
+    report = LinksReported(now_us, "hawk", quality, "b", "silent")
+    context.state_view.apply(report, [])
+    found = figures(context)
+    assert found[f"{PREFIX}link_up"] == {("a", "hawk"): 0, ("b", "hawk"): 1}
+    assert found[f"{PREFIX}link_in_use"] == {("a", "hawk"): 0, ("b", "hawk"): 1}
+    assert found[f"{PREFIX}link_loss_ratio"] == {("b", "hawk"): 0.25}
+    assert found[f"{PREFIX}link_silent_seconds"] == {("a", "hawk"): 7.0}
+    assert found[f"{PREFIX}link_switches_total"] == {("silent", "hawk"): 1}
 
 
 def test_a_failed_upload_counts_as_failed(context: RunContext) -> None:

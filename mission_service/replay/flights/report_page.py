@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from mission_service.core.autopilot_reports import LINK_CAUSES
 from mission_service.replay.flights import pictures
 from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis
 from mission_service.replay.flights.run_figures import figures_of, table
@@ -105,6 +106,8 @@ def _events(run: RunAnalysis) -> list[ReportLine]:
     if fire.reached_edge_us is not None:
         add(fire.reached_edge_us, "fire", fire.warnings[-1], True)
     for name, record in fire.record.vehicles.items():
+        for at_us, link, cause in record.sortie.links.changes:
+            add(at_us, name, f"messages are sent over {link} now: {LINK_CAUSES[cause]}", True)
         for at_us, lat, lon in record.reversals:
             add(at_us, name, f"planner decides to turn back at {lat:.5f}, {lon:.5f}", False)
         for drop in record.drops:

@@ -39,6 +39,8 @@ VEHICLE_ROWS: tuple[Row, ...] = (
     ("positions", "per s", lambda of: of["positions_hz"]),
     ("longest gap between positions", "s", lambda of: of["longest_gap_s"]),
     ("losses of the link", "", lambda of: of["links_lost"]),
+    ("changes of the link in use", "", lambda of: of["link_switches"]),
+    ("frames lost on each link, mean", "%", lambda of: _loss_of(of["links"])),
     ("drops planned, done", "", lambda of: _of_two(of, "drops_planned", "drops_done")),
     ("distance of drops from their planned places, mean", "m", lambda of: of["drops_off_mean_m"]),
 )
@@ -46,6 +48,15 @@ VEHICLE_ROWS: tuple[Row, ...] = (
 
 def _of_two(of: dict[str, Any], one: str, other: str) -> str | None:
     return None if of[one] is None else f"{of[one]}, {of[other]}"
+
+
+def _loss_of(links: list[dict[str, Any]]) -> str | None:
+    """Return the mean loss of each link in percent; None if no link was reported."""
+    words = [
+        f"{each['link']}: {'unknown' if each['mean_loss_pct'] is None else each['mean_loss_pct']}"
+        for each in links
+    ]
+    return ", ".join(words) or None
 
 
 def figures_of(run: RunAnalysis) -> dict[str, Any]:
@@ -110,9 +121,18 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
         "differs_s": round(differs_us / 1e6, 1) if has_direction else None,
         "distance_error_mean_m": _mean([mean for _, mean, _ in errors]),
         "distance_error_worst_m": _worst([worst for _, _, worst in errors]),
+        **_links(fire, name),
         **_missions(fire, name),
         **_drops(fire, vehicle),
     }
+
+
+def _links(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
+    """Return the figures of the links; logs of autopilots contain none."""
+    statistics = None if fire is None else fire.record.vehicles.get(name)
+    links = [] if statistics is None else statistics.sortie.links.of_links()
+    switches = statistics.sortie.links.switches.total() if statistics and links else None
+    return {"links": links, "link_switches": switches}
 
 
 def above_terrain_m(vehicle: VehicleAnalysis) -> Any:

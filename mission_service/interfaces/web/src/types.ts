@@ -31,6 +31,14 @@ export interface Check {
   text: string; // figures and remedy
 }
 
+export interface Link {
+  link: string; // its address
+  state: "waiting" | "up" | "degraded" | "silent";
+  in_use: boolean; // whether the service sends over this link
+  loss_pct: number | null;
+  silent_since_us: number | null;
+}
+
 export interface Vehicle {
   at_us: number;
   vehicle: string;
@@ -40,6 +48,7 @@ export interface Vehicle {
   home_lat_deg: number;
   home_lon_deg: number;
   link: "never heard" | "online" | "lost";
+  links: Link[]; // the preferred link first
   mode: string;
   armed: boolean;
   current_seq: number | null;

@@ -145,6 +145,7 @@ export class VehiclesPanel {
         "State",
         `link ${vehicle.link === "never heard" ? "not connected" : vehicle.link}, mode ${vehicle.mode || "unknown"}, ${vehicle.armed ? "armed" : "disarmed"}`,
       ],
+      ["Links", linksText(vehicle, store.nowS)],
       ["Order", vehicle.order || null],
       ["Landing", vehicle.landing || null],
       ["Relief", vehicle.relief || null],
@@ -189,7 +190,9 @@ function shortState(vehicle: Vehicle): string {
   const landing = vehicle.landing ? ` · LANDING: ${vehicle.landing}` : "";
   const order = landing || (vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "");
   const relief = vehicle.relief ? ` · ${vehicle.relief}` : "";
-  return `${vehicle.mode || "mode?"}${battery}${energy}${order}${relief}${takeoffText(vehicle)}`;
+  const silent = vehicle.links.length > 1 && vehicle.links.some((link) => link.state === "silent");
+  const oneLink = silent ? " · ONE LINK" : "";
+  return `${vehicle.mode || "mode?"}${battery}${energy}${oneLink}${order}${relief}${takeoffText(vehicle)}`;
 }
 
 /** For a vehicle on the ground: whether checks fail, or its takeoff waits for a sign-off. */
@@ -217,6 +220,20 @@ function lostLinkText(vehicle: Vehicle): string | null {
   if (!vehicle.lost_link) return "unknown";
   const height = vehicle.return_height_m === null ? "" : `; return height ${metres(vehicle.return_height_m)}`;
   return `${vehicle.lost_link}${height}; fence: ${vehicle.fence_action}`;
+}
+
+/** Each link with its quality: "udpin:0.0.0.0:14550: in use, 3 % lost; serial:…: SILENT for 12 s". */
+function linksText(vehicle: Vehicle, nowS: number): string | null {
+  const several = vehicle.links.length > 1;
+  const texts = vehicle.links.map((link) => {
+    const use = link.in_use && several ? "in use, " : "";
+    const lost = link.loss_pct === null ? "" : `, ${link.loss_pct.toFixed(0)} % lost`;
+    if (link.state === "waiting") return `${link.link}: ${use}no frame yet`;
+    if (link.state !== "silent") return `${link.link}: ${use}${link.state === "up" ? "good" : "BAD"}${lost}`;
+    const since = link.silent_since_us === null ? "" : ` for ${duration(nowS - link.silent_since_us / 1e6)}`;
+    return `${link.link}: ${use}SILENT${since}`;
+  });
+  return texts.join("; ") || null;
 }
 
 function missionText(mission: Mission | null, vehicle: Vehicle | null): string {
