@@ -54,7 +54,7 @@ def flat_m(row: Row) -> float:
         case _:
             flame_m = number("crown_flame_length_ft") * M_PER_FT
             intensity = number("crown_fli_kw_m") or (flame_m / 0.0775) ** (1.0 / 0.46)
-            return crown_distance_m(share * tree_m, intensity, wind_m_s)
+            return float(crown_distance_m(share * tree_m, intensity, wind_m_s))
 
 
 def test_distances_are_those_of_behave() -> None:
