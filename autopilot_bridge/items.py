@@ -12,6 +12,8 @@ WITH_YAW = (
     mavlink.MAV_CMD_NAV_LOITER_UNLIM,
     mavlink.MAV_CMD_NAV_TAKEOFF,
 )
+TAKEOFFS = (mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_NAV_VTOL_TAKEOFF)
+LANDINGS = (mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_VTOL_LAND)
 LOCAL_FRAMES = (1, 4, 7, 8, 9, 12, 20, 21)
 
 
@@ -172,9 +174,9 @@ def loiter_unlimited(
 
 
 def speed_type(vehicle_kind: str) -> int:
-    """Return the SPEED_TYPE of speed commands to a ``plane`` or ``copter``."""
-    plane = vehicle_kind == "plane"
-    return int(mavlink.SPEED_TYPE_AIRSPEED if plane else mavlink.SPEED_TYPE_GROUNDSPEED)
+    """Return the SPEED_TYPE of speed commands to a ``plane``, ``vtol`` or ``copter``."""
+    copter = vehicle_kind == "copter"
+    return int(mavlink.SPEED_TYPE_GROUNDSPEED if copter else mavlink.SPEED_TYPE_AIRSPEED)
 
 
 def change_speed(kind: int, speed_m_s: float) -> MissionItem:
@@ -235,3 +237,34 @@ def takeoff(
     """
     place = _at(lat_deg, lon_deg, altitude_amsl_m)
     return MissionItem(mavlink.MAV_CMD_NAV_TAKEOFF, *place, param1=pitch_deg)
+
+
+def vtol_takeoff(lat_deg: float, lon_deg: float, height_m: float) -> MissionItem:
+    """Return a MAV_CMD_NAV_VTOL_TAKEOFF, with a height instead of an altitude.
+
+    ArduPlane 4.6.2 climbs by this value above its position on the ground, in every frame.
+
+    Args:
+        lat_deg: Latitude in degrees (WGS84) of the place to which PX4 flies as a plane after the
+            climb; ArduPlane ignores it.
+        lon_deg: Longitude in degrees, likewise.
+        height_m: Height in metres above home up to which the vehicle climbs vertically.
+
+    Returns:
+        The item.
+    """
+    place = (round(lat_deg * 1e7), round(lon_deg * 1e7), height_m)
+    frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
+    return MissionItem(mavlink.MAV_CMD_NAV_VTOL_TAKEOFF, frame, *place)
+
+
+def fly_as_plane() -> MissionItem:
+    """Return a MAV_CMD_DO_VTOL_TRANSITION to forward flight, without effect on a flying plane."""
+    return MissionItem(
+        mavlink.MAV_CMD_DO_VTOL_TRANSITION,
+        mavlink.MAV_FRAME_MISSION,
+        x=0,
+        y=0,
+        z=0.0,
+        param1=float(mavlink.MAV_VTOL_STATE_FW),
+    )

@@ -11,7 +11,7 @@ from itertools import chain
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.items import Items, MissionItem, has_position
+from autopilot_bridge.items import TAKEOFFS, Items, MissionItem, has_position
 from autopilot_bridge.missions.check_places import bad_fence, bad_place, bad_rally
 from autopilot_bridge.missions.problems import Kind, Problem, problem
 from autopilot_bridge.missions.read_back import (
@@ -78,7 +78,7 @@ def _bad_item(index: int, item: MissionItem, stack: Stack, rules: Rules) -> Iter
         reason = "the item is stored, and then the whole mission is rejected"
         yield problem("refused", index, item, "command", reason, instead)
     if item.command in rules.not_run:
-        reason = f"an {stack.name} {stack.vehicle} stores it and skips it in flight"
+        reason = f"an {stack.name} {stack.kind} stores it and skips it in flight"
         yield problem("dropped", index, item, "command", reason, instead)
     with_position = takes_position(item, rules)
     if with_position:
@@ -94,10 +94,7 @@ def _bad_item(index: int, item: MissionItem, stack: Stack, rules: Rules) -> Iter
         shown = ", ".join(f"{value:g}" for value in allowed)
         yield problem("refused", index, item, "param1", "it is not accepted", f"give {shown}")
     takeoff_low = rules.accepts_bad_numbers and item.frame in (3, 6) and item.z <= 0.0
-    if takeoff_low and item.command in (
-        mavlink.MAV_CMD_NAV_TAKEOFF,
-        mavlink.MAV_CMD_NAV_VTOL_TAKEOFF,
-    ):
+    if takeoff_low and item.command in TAKEOFFS:
         reason = "the whole mission is rejected for a takeoff to home's altitude or below"
         yield problem("refused", index, item, "z", reason, "give an altitude above home")
 

@@ -47,10 +47,12 @@ class Body:
     wind: Wind = CALM
     terrain: Terrain | None = None
     airborne: bool = False
+    hovers: bool = False  # whether a VTOL flies as a multirotor
     motion: Motion = field(init=False)
     _stood_amsl_m: float = field(init=False)
 
     def __post_init__(self) -> None:
+        self.hovers = self.stack.vtol
         self.motion = Motion(0.0, 0.0, self.frame.altitude_m)
         self._stood_amsl_m = self.frame.altitude_m
 
@@ -102,8 +104,11 @@ class Body:
         return high and self.distance(place) <= near_m
 
     def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """Circle for one step (anticlockwise if the radius is negative); copters hover instead."""
-        if self.stack.vehicle == "copter":
+        """Circle for one step (anticlockwise if the radius is negative).
+
+        Copters hover instead, and VTOLs that fly as multirotors.
+        """
+        if self.stack.vehicle == "copter" or self.hovers:
             step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
             return
         clockwise, radius_m = radius_m > 0.0, abs(radius_m)
@@ -171,6 +176,21 @@ class Body:
         if self.stack.name != "px4":
             return SHORT_S * along_m_s
         return FLOATS_S * max(self.limits.min_airspeed_m_s + along_m_s, 0.0)
+
+    def climb(self, place: Place, altitude_m: float) -> bool:
+        """Move a VTOL one step of its vertical climb; return whether it has become a plane."""
+        self.approach(place, altitude_m, stop=True)
+        self.hovers = self.motion.altitude_m < altitude_m - HIGH_ENOUGH_M
+        return not self.hovers
+
+    def land_vertically(self, start: Place, place: Place) -> bool:
+        """Move a VTOL one step of a landing: as a plane at its height, then down in hover."""
+        if not self.hovers:
+            brakes_m = self.motion.speed_m_s**2 / (2.0 * self.limits.acceleration_m_s2)
+            self.follow(start, place, self.motion.altitude_m)
+            self.hovers = self.distance(place) <= brakes_m
+            return False
+        return self.descend(place)
 
     def fall(self) -> None:
         """Move one step without power: a plane sinks at its maximum rate, a copter falls."""

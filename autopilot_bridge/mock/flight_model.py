@@ -7,17 +7,15 @@ from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.items import MissionItem, params_of
+from autopilot_bridge.items import LANDINGS, TAKEOFFS, MissionItem, params_of
 from autopilot_bridge.mock.body import HIGH_ENOUGH_M, Body, Place
 from autopilot_bridge.mock.failsafe_causes import Battery, FailsafeReaction
 from autopilot_bridge.mock.item_flight import Target, climbed_ahead, loitered, passed
 from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.mission_sequencer import (
     DEFAULT_RADIUS_M,
-    LANDINGS,
     LOITERS,
     NAVIGATION,
-    TAKEOFFS,
     WAYPOINTS,
     next_of,
 )
@@ -46,6 +44,7 @@ Mode = Literal[
 
 GLIDES_AT_M_S = 3.0  # minimum sink rate of a vehicle whose engine has failed
 GLIDES_BY = 0.7  # airspeed after an engine failure, as a fraction of the airspeed before
+TAKEOFF_REACHED_M = 30.0
 FLARES_BELOW_M = 3.0  # below this height ArduPlane refuses a go-around
 # After these items a plane continues from its position, not from that of the item.
 LEFT_ON_COURSE = (
@@ -92,6 +91,8 @@ class FlightModel(Body):
     _stops: bool = False  # a multirotor stops before it flies home
     _flies_home_at_s: float = math.inf  # after it has stopped
     _disarm_at_s: float = math.inf
+    _descended_from_m: float = 0.0  # altitude at which a VTOL's vertical landing began
+    _climbs_to_m: float | None = None  # altitude to which it climbs after a go-around
     _fix_s: float = 0.0  # time of the last fix
     _jumps: dict[int, int] = field(default_factory=dict)
     _waiting: deque[int] = field(default_factory=deque)  # ArduPilot's DO items to execute
@@ -115,7 +116,7 @@ class FlightModel(Body):
         )
         fresh.motion, fresh.items, fresh.gps = self.motion, self.items, self.gps
         fresh.airborne, fresh.crashed = self.airborne, self.crashed
-        fresh.falls = self.falls
+        fresh.falls, fresh.hovers = self.falls, self.hovers
         fresh.fence, fresh.engine_failed = self.fence, self.engine_failed
         if self.engine_failed:
             fresh._powered = replace(self._powered, airspeed_m_s=self._cruise_m_s)
@@ -145,12 +146,19 @@ class FlightModel(Body):
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
             self.radius_m = DEFAULT_RADIUS_M
             self._return_amsl_m = self._return_altitude_amsl_m()
+            self._climbs_to_m = None
+            self._become_plane(mode != "mission")
             if mode == "rtl":
                 self._begin_return()
             elif self.stack.vehicle == "plane":  # a mode change cancels a commanded speed
                 self.limits = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         if mode == "mission" and before != "mission":
             self.go_to(self.current, now_s)
+
+    def _become_plane(self, flies_as_plane: bool) -> None:
+        """End the hover of ArduPlane's VTOL in the air, if the mode or the item is a plane's."""
+        if self.stack.item_0_is_home and self.airborne and flies_as_plane:
+            self.hovers = False
 
     def fly_around(self, place: Place, altitude_m: float, radius_m: float) -> None:
         """Set the position, altitude and radius of the hold; a vehicle on the ground takes off."""
@@ -241,6 +249,7 @@ class FlightModel(Body):
             self._hold_at = (self.motion.north_m, self.motion.east_m, self.motion.altitude_m)
             return
         self.current = nav
+        self._become_plane(self.items[nav].command not in (*TAKEOFFS, *LANDINGS))
         self._send_name(nav)
         position = (self.motion.north_m, self.motion.east_m)
         self.target = Target(self.items[nav], position, self.motion.altitude_m, now_s)
@@ -296,6 +305,8 @@ class FlightModel(Body):
         match item.command:
             case mavlink.MAV_CMD_DO_CHANGE_SPEED:
                 self.change_speed(int(item.param1), item.param2)
+            case mavlink.MAV_CMD_DO_VTOL_TRANSITION if self.stack.vtol:
+                self.hovers = item.param1 == mavlink.MAV_VTOL_STATE_MC
             case mavlink.MAV_CMD_CONDITION_DELAY:
                 self._wait_until_s = now_s + item.param1
             case mavlink.MAV_CMD_CONDITION_DISTANCE:
@@ -322,7 +333,9 @@ class FlightModel(Body):
     def _fly(self, target: Target, now_s: float) -> None:
         item = target.item
         place = self._place(target)
-        if item.command in TAKEOFFS:
+        if item.command in TAKEOFFS and self.stack.vtol:
+            done = self._take_off_vertically(target, place)
+        elif item.command in TAKEOFFS:
             altitude_m = self._altitude(item)
             self.loiter(target.leg_start, altitude_m, DEFAULT_RADIUS_M)
             done = self.motion.altitude_m >= altitude_m - 2.0
@@ -345,6 +358,20 @@ class FlightModel(Body):
         if done:
             self._advance(now_s)
 
+    def _take_off_vertically(self, target: Target, place: Place) -> bool:
+        """Climb in hover, then fly as a plane to the item's position (PX4) or on (ArduPlane).
+
+        ArduPlane climbs by the item's altitude above its position at the start, in every frame.
+        """
+        px4, item = self.stack.name == "px4", target.item
+        altitude_m = self._altitude(item) if px4 else target.begun_amsl_m + item.z
+        if self.hovers and not self.climb(target.leg_start, altitude_m):
+            return False
+        if not px4:
+            return True
+        self.follow(target.leg_start, place, altitude_m)
+        return self.distance(place) <= TAKEOFF_REACHED_M
+
     def _place(self, target: Target) -> Place:
         """Return the position of an item; an item at 0, 0 is at the start of its leg."""
         item = target.item
@@ -366,6 +393,9 @@ class FlightModel(Body):
         if not lands or self.motion.altitude_m - self.ground_amsl_m < FLARES_BELOW_M:
             return False
         following = self.current + 1
+        if self.stack.vtol:  # climbs to the height at which the descent began
+            self._climbs_to_m = self._descended_from_m
+            return self.hovers
         ahead = mavlink.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT
         climbs = following < len(self.items) and self.items[following].command == ahead
         self.go_to(following if climbs else self.current - 1, now_s)
@@ -428,11 +458,27 @@ class FlightModel(Body):
         """Land at an item's position; without terrain a plane lands at the item's altitude."""
         if self.stack.vehicle == "copter":
             return self._down(place, now_s)
+        if self.stack.vtol:
+            return self._land_vertically(target, place, now_s)
         ground_m = self._altitude(target.item) if self.terrain is None else self.ground_amsl_m
         if not self.glide(target.leg_start, place, ground_m):
             return False
         self._disarm_later(now_s)
         return self.stack.name == "px4"  # ArduPlane does not report its landing as reached
+
+    def _land_vertically(self, target: Target, place: Place, now_s: float) -> bool:
+        """Land a VTOL, or climb after a go-around; return whether the next item is due."""
+        if self._climbs_to_m is not None:
+            if not self.climb((self.motion.north_m, self.motion.east_m), self._climbs_to_m):
+                return False
+            self._climbs_to_m = None
+            return True
+        if not self.hovers:
+            self._descended_from_m = self.motion.altitude_m
+        if not self.land_vertically(target.leg_start, place):
+            return False
+        self._disarm_later(now_s)
+        return self.stack.name == "px4"
 
     def _down(self, place: Place, now_s: float) -> bool:
         down = self.descend(place)
@@ -472,7 +518,7 @@ class FlightModel(Body):
         fly home (ArduCopter 4.6, PX4 1.17).
         """
         low = self.motion.altitude_m < self._return_amsl_m - HIGH_ENOUGH_M
-        if self.stack.vehicle == "plane":
+        if self.stack.vehicle == "plane" and not self.hovers:
             climbs = low and self.stack.name == "px4"
             self.loiter(
                 self._hold_at[:2] if climbs else (0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M

@@ -98,7 +98,7 @@ def passed(body: Body, target: Target, place: Place, altitude_m: float, now_s: f
     if target.arrived_at_s is not None:
         body.loiter(place, altitude_m, DEFAULT_RADIUS_M)
         return now_s - target.arrived_at_s >= hold_s
-    if body.stack.vehicle == "copter":
+    if body.stack.vehicle == "copter" or body.hovers:
         stop = hold_s > 0.0
         near_m = acceptance_m(item, body.stack, STOP_WITHIN_M if stop else NEAR_M)
         rise_m = altitude_m - target.begun_amsl_m

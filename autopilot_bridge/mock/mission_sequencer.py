@@ -9,8 +9,6 @@ from autopilot_bridge.stacks.stacks import Stack
 
 DEFAULT_RADIUS_M = 80.0  # WP_LOITER_RAD is 60, NAV_LOITER_RAD 80
 MAX_JUMPS = 255  # consecutive jumps without a NAV item, as in ArduPilot
-TAKEOFFS = (mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_NAV_VTOL_TAKEOFF)
-LANDINGS = (mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_VTOL_LAND)
 LOITERS = (
     mavlink.MAV_CMD_NAV_LOITER_UNLIM,
     mavlink.MAV_CMD_NAV_LOITER_TURNS,

@@ -93,7 +93,10 @@ def landed_state(stack: Stack, flight: FlightModel) -> Message:
         state = mavlink.MAV_LANDED_STATE_LANDING
     elif flight.mode == "takeoff":
         state = mavlink.MAV_LANDED_STATE_TAKEOFF
-    return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
+    vtol_state = mavlink.MAV_VTOL_STATE_UNDEFINED
+    if stack.vtol:
+        vtol_state = mavlink.MAV_VTOL_STATE_MC if flight.hovers else mavlink.MAV_VTOL_STATE_FW
+    return mavlink.MAVLink_extended_sys_state_message(vtol_state, state)
 
 
 def system_status(stack: Stack, flight: FlightModel) -> int:

@@ -230,7 +230,7 @@ def changes_for(
     if wanted not in table.settings:
         known = ", ".join(table.settings)
         raise BridgeError(
-            f"{stack.name} {stack.vehicle} cannot {wanted} after a lost link; it can: {known}"
+            f"{stack.name} {stack.kind} cannot {wanted} after a lost link; it can: {known}"
         )
     if link_loss_of(stack, values, station_id).satisfies(wanted):
         return ()

@@ -31,7 +31,9 @@ COPTER_TYPES = (
     *(mavlink.MAV_TYPE_HEXAROTOR, mavlink.MAV_TYPE_OCTOROTOR, mavlink.MAV_TYPE_TRICOPTER),
     *(mavlink.MAV_TYPE_DODECAROTOR, mavlink.MAV_TYPE_DECAROTOR),
 )
-PLANE_TYPES = (mavlink.MAV_TYPE_FIXED_WING, *range(19, 26))  # VTOLs fly missions like planes
+MAV_TYPE_VTOL_FIXEDROTOR = 22  # pymavlink has an older name for it
+VTOL_TYPES = tuple(range(19, 26))  # VTOLs fly missions like planes
+PLANE_TYPES = (mavlink.MAV_TYPE_FIXED_WING, *VTOL_TYPES)
 ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 
 
@@ -62,6 +64,17 @@ class Stack:
     rtl_mode: int
     start: tuple[Step, ...]  # steps from disarmed on the ground to the mission
     modes: Modes
+    # Whether the plane takes off and lands vertically; ``vehicle`` is then "plane".
+    vtol: bool = False
+
+    @property
+    def kind(self) -> str:
+        """The kind of vehicle, as for ``stack_named``: ``plane``, ``vtol`` or ``copter``."""
+        return "vtol" if self.vtol else self.vehicle
+
+    def same_vehicle(self, other: "Stack") -> bool:
+        """Return whether both stacks may be of one vehicle; a VTOL may report itself as a plane."""
+        return (self.name, self.vehicle) == (other.name, other.vehicle)
 
     def mode_name(self, custom_mode: int) -> str:
         """Return the name of a mode number, or the number itself if it has no name."""
@@ -76,7 +89,7 @@ class Stack:
         numbers = dict(self.modes)
         if name not in numbers:
             names = ", ".join(numbers)
-            raise BridgeError(f"{self.name} {self.vehicle} has no mode {name!r}; it has {names}")
+            raise BridgeError(f"{self.name} {self.kind} has no mode {name!r}; it has {names}")
         return numbers[name]
 
     def set_mode(self, custom_mode: int) -> Step:
@@ -131,8 +144,10 @@ _ARDUPLANE = Stack(
 )
 STACKS = (
     _PX4_PLANE,
+    replace(_PX4_PLANE, vtol=True, mav_type=MAV_TYPE_VTOL_FIXEDROTOR),
     replace(_PX4_PLANE, vehicle="copter", mav_type=mavlink.MAV_TYPE_QUADROTOR),
     _ARDUPLANE,
+    replace(_ARDUPLANE, vtol=True),  # Q_MAV_TYPE = 0 means MAV_TYPE_FIXED_WING
     replace(
         _ARDUPLANE,
         vehicle="copter",
@@ -158,7 +173,7 @@ def stack_named(name: str, vehicle: str) -> Stack:
 
     Args:
         name: ``px4`` or ``ardupilot``.
-        vehicle: ``plane`` or ``copter``.
+        vehicle: ``plane``, ``vtol`` or ``copter``.
 
     Returns:
         The stack: its modes, limits and procedures as data.
@@ -167,14 +182,22 @@ def stack_named(name: str, vehicle: str) -> Stack:
         BridgeError: The name or the vehicle is unknown.
     """
     for stack in STACKS:
-        if (stack.name, stack.vehicle) == (name, vehicle):
+        if (stack.name, stack.kind) == (name, vehicle):
             return stack
-    raise BridgeError(f"unknown stack {name} {vehicle}: give px4 or ardupilot, plane or copter")
+    raise BridgeError(
+        f"unknown stack {name} {vehicle}: give px4 or ardupilot, and plane, vtol or copter"
+    )
 
 
 def stack_of(autopilot: int, mav_type: int) -> Stack | None:
     """Return the stack for the autopilot and type of a HEARTBEAT; None if no stack fits."""
     if mav_type not in (*PLANE_TYPES, *COPTER_TYPES):
         return None
-    kind = (autopilot, "plane" if mav_type in PLANE_TYPES else "copter")
-    return next((stack for stack in STACKS if (stack.autopilot, stack.vehicle) == kind), None)
+    winged = "vtol" if mav_type in VTOL_TYPES else "plane"
+    kind = (autopilot, winged if mav_type in PLANE_TYPES else "copter")
+    return next((stack for stack in STACKS if (stack.autopilot, stack.kind) == kind), None)
+
+
+def as_vtol(stack: Stack) -> Stack:
+    """Return the stack of a plane that has turned out to be a VTOL."""
+    return stack_named(stack.name, "vtol") if stack.vehicle == "plane" else stack

@@ -4,7 +4,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.links.field_limits import out_of_bounds
-from autopilot_bridge.stacks.stacks import Stack, stack_of
+from autopilot_bridge.stacks.stacks import Stack, as_vtol, stack_of
 from autopilot_bridge.vehicle.client_events import (
     AlarmEnded,
     AlarmKind,
@@ -208,13 +208,16 @@ class VehicleMonitor:
                     return [ItemReached(now_us, message.seq - self.hidden_items)]
             case "STATUSTEXT":
                 return [Text(now_us, message.severity, message.text.strip())]  # PX4 appends a tab
+            case "EXTENDED_SYS_STATE" if self.stack is not None and message.vtol_state:
+                self.stack = as_vtol(self.stack)  # ArduPlane's heartbeat may not report a VTOL
             case _:
                 pass
         return []
 
     def _heartbeat(self, message: Message, now_us: int) -> list[ClientEvent]:
         stack = stack_of(message.autopilot, message.type)
-        if stack is None or self.stack not in (None, stack):
+        same = self.stack is None or stack is not None and stack.same_vehicle(self.stack)
+        if stack is None or not same:
             kind = f"autopilot {message.autopilot}, type {message.type}"
             words = f"a HEARTBEAT of another kind of vehicle ({kind}); {NOT_USED}"
             return [] if self.stack is None else self._alarm("value", words, now_us)

@@ -68,6 +68,7 @@ def takeoff(stack: Stack, height_m: float, ground_amsl_m: float) -> Steps:
     """Return the steps that arm, take off and hold at ``height_m`` above the ground.
 
     ArduPlane climbs to the height in its parameter TKOFF_ALT, which the steps change permanently.
+    A VTOL climbs vertically and hovers.
     """
     if not 1.0 <= height_m <= 10_000.0:
         raise BridgeError(f"takeoff to {height_m} m: give 1 to 10000 m above the ground")
@@ -76,7 +77,7 @@ def takeoff(stack: Stack, height_m: float, ground_amsl_m: float) -> Steps:
             mavlink.MAV_CMD_NAV_TAKEOFF, (NAN, NAN, NAN, NAN, NAN, NAN, ground_amsl_m + height_m)
         )
         return climb, ARM
-    if stack.vehicle == "plane":
+    if stack.vehicle == "plane" and not stack.vtol:
         return SetParameter("TKOFF_ALT", height_m), *set_mode(stack, "takeoff"), ARM
     climb = Step(mavlink.MAV_CMD_NAV_TAKEOFF, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m))
     return *set_mode(stack, "guided"), ARM, climb
@@ -125,6 +126,8 @@ def return_height(stack: Stack, height_m: float) -> Steps:
 
 def land(stack: Stack) -> Steps:
     """Return the step that lands: ArduPlane by DO_LAND_START, other vehicles at their position."""
+    if stack.name == "ardupilot" and stack.vtol:
+        return set_mode(stack, "qland")
     if stack.name == "ardupilot" and stack.vehicle == "plane":
         return (Step(mavlink.MAV_CMD_DO_LAND_START),)
     return set_mode(stack, "land")

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_ERROR
 
-from autopilot_bridge.items import MissionItem, jumps_moved
+from autopilot_bridge.items import LANDINGS, MissionItem, jumps_moved
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.download import MissionClear, MissionDownload
 from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload, leaves_old_tail, next_session
@@ -34,7 +34,6 @@ from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboa
 from autopilot_bridge.vehicle.mode_change import ModeChange
 from autopilot_bridge.vehicle.transfer_states import Action, Job, Phase, Transfer, VehicleState
 
-LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
 LAST_NAV = 95  # MAV_CMD_NAV_LAST; commands with higher numbers are not legs of the flight
 # A vehicle never continues to the item after one of these items: endless loiter, return, land.
 LAST_FOR_GOOD = (17, 20, 21)

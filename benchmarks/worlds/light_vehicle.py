@@ -109,7 +109,7 @@ class LightVehicle:
     def connected(self, now_us: int) -> events.VehicleConnected:
         """Return the event of the first heartbeat."""
         stack = self.flight.stack
-        words = f"{stack.name} {stack.vehicle}"
+        words = f"{stack.name} {stack.kind}"
         return events.VehicleConnected(now_us, self.name, words, stack.atomic_upload)
 
     def telemetry(self, now_us: int) -> events.Telemetry:

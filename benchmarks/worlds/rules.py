@@ -91,7 +91,7 @@ def rules_of(scenario: Line, terrain: Terrain) -> Rules:
 def _kind(vehicle: Line, terrain: Terrain) -> Kind:
     east_m, north_m = plane_m(vehicle["home_lat_deg"], vehicle["home_lon_deg"])
     return Kind(
-        vehicle["kind"] == "plane",
+        vehicle["kind"] != "copter",
         vehicle["airspeed_m_s"],
         vehicle["turn_radius_m"],
         vehicle["loiter_radius_m"],

@@ -211,4 +211,4 @@ class _Session:
 
 
 def _name(stack: Stack) -> str:
-    return f"{stack.name} {stack.vehicle}"
+    return f"{stack.name} {stack.kind}"

@@ -197,7 +197,7 @@ def _pools(text: str) -> int | dict[str, int]:
     valid = all(n.isascii() and n.isdecimal() and 1 <= int(n) <= MAX_BATTERIES for _, _, n in parts)
     if valid and "=" not in text and len(parts) == 1:
         return int(parts[0][2])
-    if not valid or len(set(kinds)) < len(kinds) or not set(kinds) <= {"plane", "copter"}:
+    if not valid or len(set(kinds)) < len(kinds) or not set(kinds) <= {"plane", "vtol", "copter"}:
         raise OptionError(
             f"--batteries {text}: give a number from 1 to {MAX_BATTERIES}, or a number for each "
             "kind, e.g. plane=4,copter=2"

@@ -249,7 +249,7 @@ class VehicleSection(Section):
 
     name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
     stack: Literal["px4", "ardupilot"] = "px4"
-    kind: Literal["plane", "copter"] = "plane"
+    kind: Literal["plane", "vtol", "copter"] = "plane"
     link: str = "udpin:127.0.0.1:14550"
     backup_link: str | None = None  # a second link, used while ``link`` is silent or loses frames
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
@@ -319,9 +319,23 @@ class VehicleSection(Section):
             )
         return self
 
+    @property
+    def winged(self) -> bool:
+        """Whether missions are flown as by a plane: planes, and VTOLs between the vertical parts.
+
+        A VTOL takes off and lands vertically.
+        """
+        return self.kind != "copter"
+
+    @model_validator(mode="after")
+    def _vtol_is_native(self) -> "VehicleSection":
+        if self.kind == "vtol" and self.backend != "native":
+            raise ValueError('kind = "vtol" needs backend = "native"')
+        return self
+
     @model_validator(mode="after")
     def _reaction_exists(self) -> "VehicleSection":
-        arduplane = (self.stack, self.kind) == ("ardupilot", "plane")
+        arduplane = self.stack == "ardupilot" and self.winged
         if arduplane and self.lost_link in ("hold", "land"):
             raise ValueError(
                 f'an ArduPlane has no reaction lost_link = "{self.lost_link}"; '

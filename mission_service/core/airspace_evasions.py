@@ -123,7 +123,7 @@ class Evasions:
         """
         items = self._guidance.items(vehicle, path[1:], fix)
         places = self._space.route(vehicle, items)
-        if vehicle.section.kind == "plane" or self._is_clear(position_of(fix), places[0].position):
+        if vehicle.section.winged or self._is_clear(position_of(fix), places[0].position):
             return items, places
         items = self._guidance.items(vehicle, path, fix)
         return items, self._space.route(vehicle, items)

@@ -26,7 +26,7 @@ def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     led = availability.airborne and not (availability.on_ground or availability.taken_over)
     in_mission = led and (availability.mode == MISSION or availability.held_by_upload)
     in_mission &= not (vehicle.takes_off or vehicle.landing_state.active)
-    if vehicle.section.kind != "plane" or measured_m_s is None or not in_mission:
+    if not vehicle.section.winged or measured_m_s is None or not in_mission:
         return _compared_equal(vehicle)
     if abs(measured_m_s - commanded_m_s) <= max(DIFFERENCE_M_S, DIFFERENCE_SHARE * commanded_m_s):
         return _compared_equal(vehicle)

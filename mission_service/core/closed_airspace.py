@@ -66,7 +66,7 @@ class ClosedAirspace:
     def detours(self, volumes: Iterable[Volume], section: VehicleSection) -> Detours:
         """Return the ways around closed volumes for a vehicle; computed once for each selection."""
         volumes = tuple(volumes)
-        extra_m = section.turn_radius_m / 2.0 if section.kind == "plane" else 10.0
+        extra_m = section.turn_radius_m / 2.0 if section.winged else 10.0
         key = (*(volume.name for volume in volumes), f"{extra_m:g}")
         if key not in self._detours:
             area = blocked_area(volumes, self._margins.horizontal_m + extra_m)

@@ -340,7 +340,8 @@ class Core:
 
     def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
         vehicle.current_seq = event.current_seq
-        vehicle.takes_off &= event.current_seq == 0  # after item 0 the takeoff is complete
+        last_seq = 1 if vehicle.section.kind == "vtol" else 0  # of the items of a takeoff
+        vehicle.takes_off &= event.current_seq <= last_seq
         self._landings.progressed(vehicle, event)
         return []
 

@@ -79,7 +79,7 @@ class FlightSpace:
     def of_hold_at(self, vehicle: Vehicle, command: Orbit | ClimbAndHold | HoldAt) -> Part:
         """Return the space of a hold or an orbit at a place."""
         x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
-        radius_m = vehicle.section.loiter_radius_m if vehicle.section.kind == "plane" else 0.0
+        radius_m = vehicle.section.loiter_radius_m if vehicle.section.winged else 0.0
         if isinstance(command, Orbit):
             radius_m = abs(command.radius_m)
         altitude_m, reach_m = command.altitude_amsl_m, LOITER_RADIUS_FACTOR * radius_m + 1.0
@@ -88,8 +88,7 @@ class FlightSpace:
     def of_hold(self, vehicle: Vehicle, position: Position) -> Part:
         """Return the space of a hold that begins at a position."""
         section = vehicle.section
-        plane = section.kind == "plane"
-        reach_m = 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m if plane else COPTER_REACH_M
+        reach_m = 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m if section.winged else COPTER_REACH_M
         return disc(position[0], position[1], reach_m, position[2], position[2])
 
     def of_return(self, vehicle: Vehicle, fix: PositionFix) -> list[Part]:
@@ -142,7 +141,7 @@ class FlightSpace:
         known. Wind widens a turn.
         """
         section = vehicle.section
-        if section.kind != "plane":
+        if not section.winged:
             return [[position_of(fix)]]
         here, height_m = (fix.x_m, fix.y_m), fix.altitude_m
         velocity_m_s = (fix.east_m_s, fix.north_m_s)

@@ -20,7 +20,7 @@ def raised_hold(command: Hold, vehicle: Vehicle, landscape: Landscape) -> Hold |
     """
     fix, section = vehicle.availability.fix, vehicle.section
     flies = vehicle.availability.airborne and not vehicle.landing_state.active
-    if fix is None or not flies or section.kind != "plane" or section.backend == "mavsdk":
+    if fix is None or not flies or not section.winged or section.backend == "mavsdk":
         return command
     place_m = (fix.x_m, fix.y_m)
     if landscape.elevation_m is None or not landscape.contains(*place_m):

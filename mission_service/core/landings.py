@@ -1,7 +1,7 @@
 """Lands vehicles at home: one at a time at one field, by a mission or by a return. Pure.
 
-A plane lands by an uploaded mission that only lands (``missions/landing_mission.py``), a multirotor
-by the autopilot's return. ``vehicles/landing_state.py`` defines the phases. On the last leg of a
+A plane or a VTOL lands by an uploaded mission that only lands (``missions/landing_mission.py``), a
+multirotor by the autopilot's return. ``vehicles/landing_state.py`` defines the phases. On the last leg of a
 landing the vehicle is not stopped by a hold, which a plane would fly at a few metres: each order to
 stop is a go-around, which ends in a hold at a safe height.
 """
@@ -154,7 +154,7 @@ class Landings:
         """
         section, availability = vehicle.section, vehicle.availability
         found, relieved = vehicle.energy.estimate, vehicle.lands_after_return
-        circles = section.kind == "plane" and (section.stack == "ardupilot" or relieved)
+        circles = section.winged and (section.stack == "ardupilot" or relieved)
         circles &= availability.mode == "return" and availability.airborne
         circles &= not vehicle.landing_state.active
         if not circles or found is None or availability.in_failsafe:
@@ -314,7 +314,8 @@ class Landings:
             assert mission is not None
             near = away_m <= mission.final_m and height_m <= mission.height_m + FINAL_BELOW_M
             low = height_m < mission.height_m - LOW_M
-            final = near and (state.seq >= mission.final_seq or low)
+            in_descent = low if vehicle.section.kind == "vtol" else state.seq >= mission.final_seq
+            final = near and (in_descent or low)
         return self._enter(vehicle, LandingPhase.FINAL, fix.at_s) if final else []
 
     def _final(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
@@ -373,7 +374,7 @@ class Landings:
     def _land(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         fix = vehicle.availability.fix
         assert fix is not None
-        if vehicle.section.kind == "plane":
+        if vehicle.section.winged:
             shown = self._enter(vehicle, LandingPhase.SENDING, at_s)
             return [*shown, *self._send(vehicle, fix)]
         vehicle.sent_home = True

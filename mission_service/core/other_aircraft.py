@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from autopilot_bridge.items import LANDINGS
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
@@ -41,7 +41,6 @@ AGAIN_US = 5_000_000  # an order that the journal lost in a crash is given again
 MIN_DESCENT_M = 10.0  # a smaller descent is a hold
 UNDER_M = 1000.0  # a vehicle within this horizontal distance is under another vehicle
 AROUND = 2.0  # loiter radii around the hold in which the terrain is considered
-LANDINGS = (mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_VTOL_LAND)
 
 
 @dataclass

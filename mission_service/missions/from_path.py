@@ -17,14 +17,16 @@ from autopilot_bridge.items import (
     MissionItem,
     camera_trigger,
     change_speed,
+    fly_as_plane,
     gimbal_pitch,
     loiter_unlimited,
     speed_type,
-    takeoff,
     waypoint,
 )
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.sections import VehicleSection
+from mission_service.missions.departure import takeoff_items
+from mission_service.missions.landing import hovers_on
 
 Floats = NDArray[np.float64]
 LeastAltitude = Callable[[Floats], Floats]
@@ -159,6 +161,8 @@ def mission_along(
         items += _end_of_images(points, altitudes[-1], vehicle, landscape)
     radius_m = vehicle.loiter_radius_m if clockwise else -vehicle.loiter_radius_m
     items.append(loiter_unlimited(float(lat[-1]), float(lon[-1]), altitudes[-1], radius_m))
+    begin: tuple[MissionItem, ...] = (fly_as_plane(),) if hovers_on(vehicle) else ()
     if from_ground:
-        items.insert(0, takeoff(vehicle.home_lat_deg, vehicle.home_lon_deg, altitudes[0]))
-    return (*items, *landing)
+        toward = (float(points[-1][0]), float(points[-1][1]))
+        begin = takeoff_items(vehicle, landscape, altitudes[0], toward)
+    return (*begin, *items, *landing)

@@ -2,6 +2,7 @@
 
 With PX4's default for planes (MIS_TKO_LAND_REQ = 2) a mission without a landing is rejected. The
 landing follows the unlimited loiter, so the landing is flown only if an operator selects its items.
+A VTOL flies to home at the height of its approach, stops there and sinks vertically.
 ``landing_mission.py`` plans the missions that only land.
 """
 
@@ -24,6 +25,8 @@ Floats = NDArray[np.float64]
 
 GLIDE_DEG = 4.5  # PX4 rejects glides steeper than FW_LND_ANG, by default 5 degrees
 APPROACH_HEIGHTS_M = (50.0, 75.0, 100.0, 125.0, 150.0)
+VTOL_HEIGHTS_M = (40.0, *APPROACH_HEIGHTS_M)  # of a VTOL's changes between hover and flight
+VTOL_DECELERATION_M_S2, VTOL_SETTLES_M = 1.0, 100.0  # PX4 and ArduPlane brake with 2 m/s2
 CLEARANCE_M = 30.0
 UNCHECKED_M = 300.0  # last part of the glide, which is always near the ground
 COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
@@ -31,18 +34,25 @@ COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 
 def needs_landing(section: VehicleSection) -> bool:
     """Return whether missions of this vehicle must end with a landing."""
-    return section.landing and (section.stack, section.kind) == ("px4", "plane")
+    return section.landing and section.stack == "px4" and section.winged
+
+
+def hovers_on(section: VehicleSection) -> bool:
+    """Return whether a vehicle that hovers would fly its next mission in hover: PX4's VTOL."""
+    return section.kind == "vtol" and section.stack == "px4"
 
 
 class Approach(NamedTuple):
     """A straight approach to home from a clockwise loiter, both clear of the terrain.
 
-    ``centre_m`` is the x, y of the loiter's centre; ``height_m`` of the loiter is above home.
+    ``centre_m`` is the x, y of the loiter's centre; ``height_m`` of the loiter is above home;
+    ``length_m`` is the length of the straight line.
     """
 
     course_deg: float
     height_m: float
     centre_m: Floats
+    length_m: float
 
 
 class Landing:
@@ -53,7 +63,7 @@ class Landing:
         self._section = section
         self._landscape = landscape
         self._needed = needs_landing(section)
-        self._weather = weather_of(scenario) if section.kind == "plane" else None
+        self._weather = weather_of(scenario) if section.winged else None
         self._items: tuple[MissionItem, ...] = ()
         self._wind_from_deg = math.nan  # wind direction for which the items are planned
         self.items_at(scenario.start_s)
@@ -109,11 +119,14 @@ def approach_of(section: VehicleSection, landscape: Landscape, wind_from_deg: fl
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     given = section.landing_course_deg
     courses = [wind_from_deg + turn for turn in COURSES_DEG] if given is None else [given]
+    vtol = section.kind == "vtol"
     for course_deg in courses:
-        for height_m in APPROACH_HEIGHTS_M:
-            centre_m = _centre(home_m, course_deg, height_m, section.loiter_radius_m)
-            if _is_clear(home_m, course_deg, height_m, centre_m, section, landscape):
-                return Approach(course_deg % 360.0, height_m, centre_m)
+        for height_m in VTOL_HEIGHTS_M if vtol else APPROACH_HEIGHTS_M:
+            length_m = vtol_leg_m(section) if vtol else glide_m(height_m)
+            centre_m = loiter_beside(home_m, course_deg, -length_m, section.loiter_radius_m)
+            approach = Approach(course_deg % 360.0, height_m, centre_m, length_m)
+            if _is_clear(home_m, approach, section, landscape):
+                return approach
     where = "in any direction" if given is None else f"on landing_course_deg = {given:g}"
     raise ScenarioError(
         f"{section.name}: no landing approach to home {where} clears the terrain by "
@@ -133,27 +146,36 @@ def glide_m(height_m: float) -> float:
     return height_m / math.tan(math.radians(GLIDE_DEG))
 
 
-def _centre(home_m: Floats, course_deg: float, height_m: float, radius_m: float) -> Floats:
-    """Return the centre of a clockwise loiter that the vehicle leaves at the top of the glide."""
+def vtol_leg_m(section: VehicleSection) -> float:
+    """Return the length of a VTOL's straight flight between home and a loiter, in metres.
+
+    The vehicle changes between hover and flight on this line.
+    """
+    return VTOL_SETTLES_M + section.airspeed_m_s**2 / (2.0 * VTOL_DECELERATION_M_S2)
+
+
+def loiter_beside(home_m: Floats, course_deg: float, ahead_m: float, radius_m: float) -> Floats:
+    """Return the centre of a clockwise loiter that touches a line through home.
+
+    ``ahead_m`` is the distance of the tangent point from home along the course.
+    """
     ahead = forward_of(course_deg)
     right = np.array([ahead[1], -ahead[0]])
-    return np.asarray(home_m - glide_m(height_m) * ahead + radius_m * right)
+    return np.asarray(home_m + ahead_m * ahead + radius_m * right)
 
 
 def _is_clear(
-    home_m: Floats,
-    course_deg: float,
-    height_m: float,
-    centre_m: Floats,
-    section: VehicleSection,
-    landscape: Landscape,
+    home_m: Floats, approach: Approach, section: VehicleSection, landscape: Landscape
 ) -> bool:
-    """Return whether the loiter and the glide are clear of the terrain."""
+    """Return whether the loiter and the line to home are clear of the terrain."""
     spacing_m = landscape.cell_size_m / 2.0
-    back_m = np.arange(UNCHECKED_M, glide_m(height_m) + spacing_m, spacing_m)
-    glide = home_m - back_m[:, None] * forward_of(course_deg)
-    heights = back_m * math.tan(math.radians(GLIDE_DEG))
-    points, heights_m = with_rings(glide, heights, centre_m, height_m, section)
+    first_m = 0.0 if section.kind == "vtol" else UNCHECKED_M
+    back_m = np.arange(first_m, approach.length_m + spacing_m, spacing_m)
+    line = home_m - back_m[:, None] * forward_of(approach.course_deg)
+    heights = back_m * approach.height_m / approach.length_m
+    if section.kind == "vtol":
+        heights = np.full(len(back_m), approach.height_m)
+    points, heights_m = with_rings(line, heights, approach.centre_m, approach.height_m, section)
     return clears(points, heights_m, home_m, landscape)
 
 
@@ -204,7 +226,7 @@ def approach_items(
             param4=1.0,  # along the tangent
         ),
         MissionItem(
-            mavlink.MAV_CMD_NAV_LAND,
+            mavlink.MAV_CMD_NAV_VTOL_LAND if section.kind == "vtol" else mavlink.MAV_CMD_NAV_LAND,
             relative,
             *touchdown,
             0.0,

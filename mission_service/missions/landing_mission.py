@@ -2,7 +2,8 @@
 
 The approach is that of ``landing.py``. The mission also determines where the vehicle holds after a
 go-around: straight ahead if the terrain there is clear, otherwise above the loiter of the approach.
-ArduPlane flies to this place by the items after the landing, PX4 by a command.
+ArduPlane flies to this place by the items after the landing, PX4 by a command. After a go-around
+PX4's VTOL hovers above home; ArduPlane's climbs there and circles in the loiter of the approach.
 """
 
 import math
@@ -16,6 +17,7 @@ from autopilot_bridge.items import (
     MissionItem,
     camera_trigger,
     change_speed,
+    fly_as_plane,
     speed_type,
     waypoint,
 )
@@ -29,7 +31,8 @@ from mission_service.missions.landing import (
     approach_of,
     clears,
     forward_of,
-    glide_m,
+    hovers_on,
+    loiter_beside,
     place_e7,
     with_rings,
 )
@@ -41,6 +44,7 @@ Floats = NDArray[np.float64]
 PX4_FLOATS_S = 6.3
 # ArduPlane plans its flare without the headwind (ArduPlane 4.6.2 in simulation).
 ARDUPLANE_SHORT_S = 1.3
+VTOL_FINAL_M = 30.0  # a VTOL closer to home, below the approach, is on its last leg
 CLIMB_SLOPE = 0.08  # assumed climb after a go-around, which is less than planes climb
 CLIMBS_WITH_CONTINUE = 1.0  # param 1 of CONTINUE_AND_CHANGE_ALT: continue when climbed to it
 
@@ -48,7 +52,7 @@ CLIMBS_WITH_CONTINUE = 1.0  # param 1 of CONTINUE_AND_CHANGE_ALT: continue when 
 class LandingMission(NamedTuple):
     """A mission that only lands.
 
-    ``final_seq`` is the index of its last leg, NAV_LAND. A go-around leads to ``height_m`` above
+    ``final_seq`` is the index of its last leg, the landing. A go-around leads to ``height_m`` above
     home at the position ``around`` (latitude, longitude). The last leg begins closer to home than
     ``final_m``.
     """
@@ -81,6 +85,7 @@ def landing_mission(
         ScenarioError: No approach is clear of the terrain.
     """
     wind_m_s, wind_from_deg = wind
+    vtol = section.kind == "vtol"
     approach = approach_of(section, landscape, wind_from_deg)
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     headwind_m_s = wind_m_s * math.cos(math.radians(approach.course_deg - wind_from_deg))
@@ -88,6 +93,7 @@ def landing_mission(
     approach = approach._replace(centre_m=approach.centre_m - short_m)
     around_m = _around(section, landscape, approach, home_m)
     items = [
+        *([fly_as_plane()] if hovers_on(section) else []),
         change_speed(speed_type(section.kind), section.airspeed_m_s),
         *([] if section.camera_trigger_m is None else [camera_trigger(0.0)]),
         _to_approach(section, landscape, approach, start_m, min_at),
@@ -99,6 +105,8 @@ def landing_mission(
             MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
             *(down, land),
         ]
+    elif vtol:
+        items += [down, land, *_around_items(section, landscape, around_m, approach.height_m)[1:]]
     else:  # DO_LAND_START would keep ArduPlane from arming later, if RTL_AUTOLAND is 0
         items += [down, land, *_around_items(section, landscape, around_m, approach.height_m)]
     lat_deg, lon_deg = landscape.lat_lon_of(float(around_m[0]), float(around_m[1]))
@@ -107,13 +115,15 @@ def landing_mission(
         items.index(land),
         approach.course_deg,
         approach.height_m,
-        glide_m(approach.height_m) + 3.0 * section.loiter_radius_m,
+        VTOL_FINAL_M if vtol else approach.length_m + 3.0 * section.loiter_radius_m,
         (float(lat_deg), float(lon_deg)),
     )
 
 
 def _floats_m(section: VehicleSection, headwind_m_s: float) -> float:
     """Return the distance from the point of NAV_LAND to the place of rest, negative if before."""
+    if section.kind == "vtol":
+        return 0.0
     if section.stack != "px4":
         return -ARDUPLANE_SHORT_S * headwind_m_s
     return PX4_FLOATS_S * max(section.min_airspeed_m_s - headwind_m_s, 0.0)
@@ -137,11 +147,12 @@ def _to_approach(
 def _around(
     section: VehicleSection, landscape: Landscape, approach: Approach, home_m: Floats
 ) -> Floats:
-    """Return the centre of the loiter after a go-around."""
+    """Return the centre of the loiter after a go-around, or the place of PX4's VTOL, which hovers."""
+    if section.kind == "vtol":
+        return home_m if section.stack == "px4" else approach.centre_m
     ahead = forward_of(approach.course_deg)
-    right = np.array([ahead[1], -ahead[0]])
     length_m = approach.height_m / CLIMB_SLOPE
-    centre_m = np.asarray(home_m + length_m * ahead + section.loiter_radius_m * right)
+    centre_m = loiter_beside(home_m, approach.course_deg, length_m, section.loiter_radius_m)
     along_m = np.arange(UNCHECKED_M, length_m, landscape.cell_size_m / 2.0)
     climb = home_m + along_m[:, None] * ahead
     points_m, heights_m = with_rings(

@@ -554,4 +554,4 @@ def printable(text: str) -> str:
 
 
 def _connected(now_us: int, name: str, stack: Stack) -> VehicleConnected:
-    return VehicleConnected(now_us, name, f"{stack.name} {stack.vehicle}", stack.atomic_upload)
+    return VehicleConnected(now_us, name, f"{stack.name} {stack.kind}", stack.atomic_upload)

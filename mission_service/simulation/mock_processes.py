@@ -218,7 +218,7 @@ def describe(fleet: MockGroup, links: Sequence[str], speedup: float) -> list[dic
         {
             "system_id": mock.system_id,
             "stack": mock.stack.name,
-            "vehicle": mock.stack.vehicle,
+            "vehicle": mock.stack.kind,
             "link": " and ".join(links),
             "speedup": speedup,
             "home_lat_deg": round(mock.flight.frame.lat_deg, 7),

@@ -24,7 +24,7 @@ from mission_service.events import Order
 from mission_service.position_fix import PositionFix
 
 AIRBORNE_M = 15.0
-GOING_HOME = ("return", "land")  # modes, as the bridge names them
+GOING_HOME = ("return", "land", "qrtl", "qland")  # modes, as the bridge names them
 MISSION = "mission"
 # The modes, by the bridge's names, that each command of the service causes. Any other mode was
 # selected by the autopilot or the pilot. During an upload ArduPilot is commanded to hold, and PX4
@@ -33,7 +33,7 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     StartMission: (MISSION, "guided", "takeoff", "ready"),
     UploadMission: (MISSION, "hold"),
     Hold: ("hold", "guided"),
-    Return: ("return",),
+    Return: ("return", "qrtl"),  # a quadplane with Q_RTL_MODE ends its return in QRTL
     Land: (MISSION,),
     GoAround: ("hold", "guided", MISSION),
     Orbit: ("guided", "orbit", "hold"),

@@ -55,7 +55,7 @@ def expected_performance(vehicle: Vehicle, altitude_amsl_m: float) -> ReturnPerf
     """
     planned, read = planned_performance(vehicle.section), vehicle.return_flight
     speed_m_s, turn_radius_m = read.speed_m_s or planned.speed_m_s, planned.turn_radius_m
-    if vehicle.section.kind == "plane":
+    if vehicle.section.winged:
         speed_m_s *= true_airspeed_factor(altitude_amsl_m)
         if read.bank_deg:
             turn_radius_m = speed_m_s**2 / (GRAVITY_M_S2 * math.tan(math.radians(read.bank_deg)))

@@ -16,6 +16,7 @@ from mission_service.vehicles.battery_reports import CONFIRMED_S, BatteryReports
 
 LANDING_SPEED_FACTOR = 0.7  # airspeed of a landing, as a fraction of the airspeed
 COPTER_LANDING_S = 60.0
+VTOL_DESCENT_S = 60.0  # from the height of the approach
 
 
 class TimeLeft(NamedTuple):
@@ -67,14 +68,17 @@ class EnergyState:
 def landing_s(section: VehicleSection) -> float:
     """Return the time that a landing needs after the arrival over home.
 
-    A plane glides from its height at the airspeed of a landing, after one circle.
+    A plane glides from its height at the airspeed of a landing, after one circle. A VTOL comes as
+    low as a plane on its approach, and then sinks vertically.
     """
     if section.kind == "copter":
         return COPTER_LANDING_S
     circle_m = math.tau * section.loiter_radius_m
-    return (glide_m(section.altitude_agl_m) + circle_m) / (
+    descent_s = VTOL_DESCENT_S if section.kind == "vtol" else 0.0
+    glide_s = (glide_m(section.altitude_agl_m) + circle_m) / (
         LANDING_SPEED_FACTOR * section.airspeed_m_s
     )
+    return glide_s + descent_s
 
 
 def times_left(

@@ -3,9 +3,7 @@
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_TAKEOFF
-
-from autopilot_bridge.items import MissionItem
+from autopilot_bridge.items import TAKEOFFS, MissionItem
 from mission_service.commands import UploadMission
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Vehicle
@@ -40,7 +38,7 @@ class MissionsSent:
         if len(path_m) == 1:  # the path is only the centre of a loiter
             path_m = np.array([(fix.x_m, fix.y_m), path_m[0]])
         line = shapely.simplify(shapely.LineString(path_m), LINE_TOLERANCE_M)
-        takes_off = bool(items) and items[0].command == MAV_CMD_NAV_TAKEOFF
+        takes_off = bool(items) and items[0].command in TAKEOFFS
         line = shapely.LineString(shapely.get_coordinates(line))
         sent = Pending(mission_id, line, takes_off, vehicle.due, lands=lands)
         vehicle.enter(MissionPhase.UPLOADING, sent)

@@ -83,7 +83,7 @@ class ParameterReports:
             return []
         self._request = None
         self._plan_next(stack, now_us)
-        found = (f"{stack.name} {stack.vehicle}", self._values, tuple(self._missing))
+        found = (f"{stack.name} {stack.kind}", self._values, tuple(self._missing))
         if found == self._last:
             return []
         self._last = found

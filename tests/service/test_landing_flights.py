@@ -11,8 +11,9 @@ from mission_service.commands import ShowLanding, StartMission
 from mission_service.events import Order, OrderGiven
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
-KINDS = [("px4", "plane"), ("px4", "copter"), ("ardupilot", "plane"), ("ardupilot", "copter")]
-MAX_MISS_M = {"plane": 15.0, "copter": 3.0}
+STACKS = ("px4", "ardupilot")
+KINDS = [(stack, kind) for kind in ("plane", "vtol", "copter") for stack in STACKS]
+MAX_MISS_M = {"plane": 15.0, "vtol": 3.0, "copter": 3.0}
 
 
 @pytest.fixture
@@ -76,7 +77,7 @@ def test_ordered_to_land_it_lands_at_home_and_is_disarmed(fly: Fly, stack: str, 
     landed_at_home(flight, kind)
     lines = flight.over()
     phases = [each.phase for each in lines if isinstance(each, ShowLanding)]
-    sending = ["sending"] if kind == "plane" else []
+    sending = [] if kind == "copter" else ["sending"]
     assert phases == [*sending, "approach", "final", "none"]
     assert sum(isinstance(each, StartMission) for each in lines) == 1  # the takeoff
 
@@ -95,7 +96,7 @@ def test_after_a_go_around_it_holds_high_and_lands_by_another_order(
     assert flight.state_view.vehicles["hawk"].landing == "going around"
     until(flight, "", limit_s=60.0)
     assert flight.state_view.vehicles["hawk"].order == "hold"
-    safe_m = 45.0 if kind == "plane" else 25.0
+    safe_m = {"plane": 45.0, "vtol": 35.0, "copter": 25.0}[kind]
     flight.run(10.0)
     for _ in range(12):
         flight.run(10.0)

@@ -17,6 +17,7 @@ FACTOR, MARGIN_S = 1.15, 30.0  # the stated time allows for this error of a pred
 TAKES_EFFECT_S = 5.0  # until a vehicle flies a mission that is sent now
 # Landings of planes: sink rate on the loiter of the approach; airspeed of the glide as a fraction
 # of the airspeed, between those of the approach and of the touchdown.
+VTOL_SINK_M_S = 1.0
 PLANE_SINK_M_S, GLIDE_SPEED_FACTOR, MIN_GLIDE_M_S = 3.0, 0.85, 3.0
 # Landings of multirotors: sink rates by the defaults of both stacks.
 COPTER_SINK_M_S, SLOW_BELOW_M, TOUCHDOWN_M_S = 1.5, 10.0, 0.5
@@ -67,6 +68,7 @@ def plane_landing_s(
     """Return the seconds until a plane that begins its landing mission is disarmed.
 
     It flies to the loiter of the approach at ``centre_m``, circles down, and glides into the wind.
+    A VTOL flies to home at the height of the approach, and sinks vertically.
     """
     section, availability = vehicle.section, vehicle.availability
     to_approach_s = to_place_s(vehicle, fix, centre_m, wind_m_s)
@@ -75,7 +77,11 @@ def plane_landing_s(
     along = (vehicle.home_m[0] - centre_m[0], vehicle.home_m[1] - centre_m[1])
     headwind_m_s = -(wind_m_s[0] * along[0] + wind_m_s[1] * along[1]) / max(math.hypot(*along), 1.0)
     glide_m_s = max(GLIDE_SPEED_FACTOR * section.airspeed_m_s - headwind_m_s, MIN_GLIDE_M_S)
-    glide_s = glide_m(mission.height_m) / glide_m_s
+    if section.kind == "vtol":
+        line_m = math.hypot(*along)  # not shorter than the straight line
+        glide_s = line_m / glide_m_s + mission.height_m / VTOL_SINK_M_S
+    else:
+        glide_s = glide_m(mission.height_m) / glide_m_s
     return TAKES_EFFECT_S + to_approach_s + down_s + half_circle_s + glide_s + DISARMS_S
 
 

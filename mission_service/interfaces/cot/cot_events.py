@@ -19,7 +19,8 @@ from shapely.geometry import Polygon, shape
 
 from mission_service.runtime.published_states import TelemetryState
 
-TYPES = {"plane": "a-f-A-M-F-Q", "copter": "a-f-A-M-H-Q"}  # friendly drones: fixed wing, rotary
+# Friendly drones: fixed wing (also VTOLs), rotary wing.
+TYPES = {"plane": "a-f-A-M-F-Q", "vtol": "a-f-A-M-F-Q", "copter": "a-f-A-M-H-Q"}
 DRAWN = "u-d-f"
 MACHINE_GPS, MADE_UP = "m-g", "m-s"  # source of a position: measured; simulated or computed
 UNKNOWN_M = "9999999.0"

@@ -145,7 +145,7 @@ def description_of(event: LogEvent) -> tuple[str, str]:
         case Text():
             return "text", event.text
         case Connected():
-            return "connected", f"{event.stack.name} {event.stack.vehicle}"
+            return "connected", f"{event.stack.name} {event.stack.kind}"
         case LinkLost():
             return "link_lost", f"no heartbeat for {event.silent_us / 1e6:.1f} s"
         case LinkRestored():

@@ -141,7 +141,7 @@ class Flown:
         return {
             "vehicle": self.system_id,
             "name": self.name,
-            "autopilot": "unknown" if stack is None else f"{stack.name} {stack.vehicle}",
+            "autopilot": "unknown" if stack is None else f"{stack.name} {stack.kind}",
             "begin_utc": utc(begin_us + self.offset_us) if self.dated else None,
             "duration_s": round((self._end_us - begin_us) / 1e6, 1),
             "positions": self.positions,

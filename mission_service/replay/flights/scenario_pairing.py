@@ -161,7 +161,7 @@ def scenario_for(scenario: Scenario, survey: Survey, mission: Mission) -> Scenar
 def _as_flown(section: VehicleSection, flown: Flown) -> VehicleSection:
     update: dict[str, object] = {"name": flown.name, "endurance_s": None}
     if flown.stack is not None:
-        update |= {"stack": flown.stack.name, "kind": flown.stack.vehicle}
+        update |= {"stack": flown.stack.name, "kind": flown.stack.kind}
     if flown.home is not None:
         update |= {"home_lat_deg": flown.home[0], "home_lon_deg": flown.home[1]}
     return section.model_copy(update=update)
