@@ -32,6 +32,7 @@ _PLANE = {
     "FS_GCS_ENABL": (0.0, INT8),
     "FS_LONG_ACTN": (0.0, INT8),
     "FS_LONG_TIMEOUT": (5.0, REAL32),
+    "Q_ENABLE": (0.0, INT8),
     "RTL_ALTITUDE": (100.0, REAL32),
     "RTL_AUTOLAND": (0.0, INT8),
     "SERIAL0_BAUD": (115.0, INT32),
@@ -108,6 +109,8 @@ class ParameterServer:
         self._held = {name: _Held(*held) for name, held in sorted(table.items())}
         if self._bytewise and plane:
             self.change("MIS_TKO_LAND_REQ", 2.0)  # the default of PX4 for fixed wings
+        if stack.vtol and not self._bytewise:
+            self.change("Q_ENABLE", 1.0)
         for name, value in _of_limits(stack, limits).items():
             self.change(name, value)
 

@@ -1,5 +1,6 @@
 """Lists the differences between PX4 1.17 and ArduPilot 4.6.2, as observed on both."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -201,3 +202,19 @@ def stack_of(autopilot: int, mav_type: int) -> Stack | None:
 def as_vtol(stack: Stack) -> Stack:
     """Return the stack of a plane that has turned out to be a VTOL."""
     return stack_named(stack.name, "vtol") if stack.vehicle == "plane" else stack
+
+
+def kind_parameters(stack: Stack) -> tuple[str, ...]:
+    """Return the names of the parameters that ``kind_of`` uses."""
+    return ("Q_ENABLE",) if (stack.name, stack.vehicle) == ("ardupilot", "plane") else ()
+
+
+def kind_of(stack: Stack, values: Mapping[str, float]) -> str:
+    """Return the kind of a vehicle by its parameters, because ArduPlane's heartbeat may hide it.
+
+    ``values`` are those of ``kind_parameters(stack)`` by name; without them the stack counts.
+    """
+    enabled = values.get("Q_ENABLE") if kind_parameters(stack) else None
+    if enabled is None:
+        return stack.kind
+    return "vtol" if enabled > 0.0 else "plane"

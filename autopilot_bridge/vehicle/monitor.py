@@ -216,7 +216,7 @@ class VehicleMonitor:
 
     def _heartbeat(self, message: Message, now_us: int) -> list[ClientEvent]:
         stack = stack_of(message.autopilot, message.type)
-        same = self.stack is None or stack is not None and stack.same_vehicle(self.stack)
+        same = self.stack is None or (stack is not None and stack.same_vehicle(self.stack))
         if stack is None or not same:
             kind = f"autopilot {message.autopilot}, type {message.type}"
             words = f"a HEARTBEAT of another kind of vehicle ({kind}); {NOT_USED}"

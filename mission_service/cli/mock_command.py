@@ -39,8 +39,8 @@ class MockOptions:
 @click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
 @click.option(
     "--vehicle",
-    help="plane, vtol or copter; with SCENARIO, the name of one of its vehicles (default: all vehicles, "
-    "on their links; with --link or --listen, the first vehicle).",
+    help="plane, vtol or copter; with SCENARIO, the name of one of its vehicles (default: all "
+    "vehicles, on their links; with --link or --listen, the first vehicle).",
 )
 @click.option("--count", type=click.IntRange(1, 250), default=1, help="Number of vehicles.")
 @click.option(
@@ -111,7 +111,9 @@ def mock(scenario: str | None, **values: Any) -> None:
     if scenario and options.count > 1:
         raise click.UsageError("--count is for mocks without a scenario")
     if not scenario and vehicle not in (None, "plane", "vtol", "copter"):
-        raise click.UsageError(f"--vehicle {vehicle}: without a scenario, give plane, vtol or copter")
+        raise click.UsageError(
+            f"--vehicle {vehicle}: without a scenario, give plane, vtol or copter"
+        )
     environment = MockEnvironment(
         read_wind(options.wind),
         options.battery_minutes,

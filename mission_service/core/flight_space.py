@@ -88,7 +88,11 @@ class FlightSpace:
     def of_hold(self, vehicle: Vehicle, position: Position) -> Part:
         """Return the space of a hold that begins at a position."""
         section = vehicle.section
-        reach_m = 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m if section.winged else COPTER_REACH_M
+        reach_m = (
+            2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m
+            if section.winged
+            else COPTER_REACH_M
+        )
         return disc(position[0], position[1], reach_m, position[2], position[2])
 
     def of_return(self, vehicle: Vehicle, fix: PositionFix) -> list[Part]:

@@ -1,9 +1,9 @@
 """Lands vehicles at home: one at a time at one field, by a mission or by a return. Pure.
 
 A plane or a VTOL lands by an uploaded mission that only lands (``missions/landing_mission.py``), a
-multirotor by the autopilot's return. ``vehicles/landing_state.py`` defines the phases. On the last leg of a
-landing the vehicle is not stopped by a hold, which a plane would fly at a few metres: each order to
-stop is a go-around, which ends in a hold at a safe height.
+multirotor by the autopilot's return. ``vehicles/landing_state.py`` defines the phases. On the last
+leg of a landing the vehicle is not stopped by a hold, which a plane would fly at a few metres: each
+order to stop is a go-around, which ends in a hold at a safe height.
 """
 
 import math

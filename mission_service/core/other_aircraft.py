@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from autopilot_bridge.items import LANDINGS
 
+from autopilot_bridge.items import LANDINGS
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.commands import (

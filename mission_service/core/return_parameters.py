@@ -1,7 +1,7 @@
-"""Stores how a vehicle returns by its parameters, and compares this with the scenario. Pure."""
+"""Stores a vehicle's kind and return by its parameters, and compares the return. Pure."""
 
 from autopilot_bridge.stacks.return_flight import ReturnFlight, return_flight_of
-from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.stacks.stacks import kind_of, stack_named
 from mission_service.commands import AnyCommand
 from mission_service.events import ParametersReported
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -10,11 +10,13 @@ SPEED_SHARE, HEIGHT_M = 0.1, 5.0  # larger differences from the scenario are ann
 
 
 def return_read(vehicle: Vehicle, event: ParametersReported) -> list[AnyCommand]:
-    """Store the parameters of the return, and announce those that differ from the scenario.
+    """Store the kind and the return, and announce what differs in the return from the scenario.
 
     The estimates use the parameters, and the scenario only in place of parameters without a reply.
     """
-    read = return_flight_of(stack_named(*event.stack.split()), event.values)
+    stack = stack_named(*event.stack.split())
+    vehicle.reported_kind = kind_of(stack, event.values)
+    read = return_flight_of(stack, event.values)
     if read == vehicle.return_flight:
         return []
     vehicle.return_flight = read

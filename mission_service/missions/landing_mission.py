@@ -147,7 +147,7 @@ def _to_approach(
 def _around(
     section: VehicleSection, landscape: Landscape, approach: Approach, home_m: Floats
 ) -> Floats:
-    """Return the centre of the loiter after a go-around, or the place of PX4's VTOL, which hovers."""
+    """Return the centre of the loiter after a go-around; PX4's VTOL hovers at this place."""
     if section.kind == "vtol":
         return home_m if section.stack == "px4" else approach.centre_m
     ahead = forward_of(approach.course_deg)

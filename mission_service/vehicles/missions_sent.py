@@ -3,6 +3,7 @@
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+
 from autopilot_bridge.items import TAKEOFFS, MissionItem
 from mission_service.commands import UploadMission
 from mission_service.position_fix import PositionFix

@@ -1,9 +1,9 @@
-"""Reads, after each contact, the parameters of the lost link and of the return. Sans-IO."""
+"""Reads, after each contact, the parameters of the lost link, the return and the kind. Sans-IO."""
 
 from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.stacks import link_loss, return_flight
 from autopilot_bridge.stacks.link_loss import missing
-from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack, kind_parameters
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
     Connected,
@@ -94,7 +94,8 @@ class ParameterReports:
         if stack is None:
             return
         self._values, self._missing = {}, []
-        names = (*link_loss.parameters_of(stack), *return_flight.parameters_of(stack))
+        returns = return_flight.parameters_of(stack)
+        names = (*link_loss.parameters_of(stack), *returns, *kind_parameters(stack))
         self._waiting, self._due_us = list(dict.fromkeys(names)), None
         self._request_next(now_us)
 

@@ -18,9 +18,9 @@ from mission_service.vehicles.energy import times_left
 from mission_service.vehicles.vehicle_state import MissionPhase, Vehicle
 from mission_service.vehicles.way_home import Vector
 
-POSITION, ESTIMATOR, AIRSPACE = "position", "estimator", "airspace"
+POSITION, ESTIMATOR, AIRSPACE, KIND = "position", "estimator", "airspace", "kind"
 BATTERY, WIND, REMOTE_ID = "battery", "wind", "Remote ID"
-NEVER_OVERRIDDEN = (POSITION, ESTIMATOR, AIRSPACE, REMOTE_ID)
+NEVER_OVERRIDDEN = (POSITION, ESTIMATOR, AIRSPACE, KIND, REMOTE_ID)
 DELAY_AUTOSTART = (*NEVER_OVERRIDDEN, BATTERY, WIND)
 
 POSITION_AGE_S = 10.0
@@ -70,6 +70,7 @@ def checks_of(vehicle: Vehicle, departure: Departure) -> tuple[PreflightCheck, .
         _estimator(vehicle),
         _link(vehicle),
         _autopilot(vehicle),
+        _kind(vehicle),
         _home(vehicle, departure),
         _mission(vehicle),
         _airspace(departure),
@@ -191,6 +192,17 @@ def _autopilot(vehicle: Vehicle) -> PreflightCheck:
         words = f"it reports the state {availability.system_state}: end the failsafe"
         return PreflightCheck("autopilot", "fail", words)
     return PreflightCheck("autopilot", "pass", "no failsafe, no breached fence")
+
+
+def _kind(vehicle: Vehicle) -> PreflightCheck:
+    """Compare the kind with the scenario: a VTOL would climb vertically to a plane's altitude."""
+    reported, kind = vehicle.reported_kind, vehicle.section.kind
+    if not reported:
+        return PreflightCheck(KIND, "unknown", "its parameters have not been read")
+    if reported != kind:
+        words = f'it is a {reported}: set kind = "{reported}" in the scenario, which has "{kind}"'
+        return PreflightCheck(KIND, "fail", words)
+    return PreflightCheck(KIND, "pass", reported)
 
 
 def _home(vehicle: Vehicle, departure: Departure) -> PreflightCheck:

@@ -24,6 +24,7 @@ from autopilot_bridge.vehicle.client_events import (
     SameSystemId,
     TransferFinished,
 )
+from autopilot_bridge.vehicle.monitor import VehicleMonitor
 from tests.bridge.helpers import SECOND, line_of, mock_of
 from tests.bridge.transport_helpers import clock_us, free_port
 from tests.patience import PATIENCE_S
@@ -90,11 +91,13 @@ def heartbeat(system: int, component: int, autopilot: int, mav_type: int) -> byt
     return Codec(system, component).encode(message)
 
 
-def test_all_four_kinds_are_found_on_one_link() -> None:
+def test_all_kinds_are_found_on_one_link() -> None:
     air = Air(a_1=[mock_of(stack, system_id=n) for n, stack in enumerate(STACKS, start=1)])
     air.run_for(4.0)
-    found = {key.system_id: e.stack for key, e in air.events if isinstance(e, Connected)}
+    found = {key.system_id: client.stack for key, client in air.vehicles.items()}
     assert found == dict(enumerate(STACKS, start=1))
+    connected = {key.system_id: e.stack.name for key, e in air.events if isinstance(e, Connected)}
+    assert connected == {number: stack.name for number, stack in found.items() if stack}
     assert list(air.vehicles) == [VehicleKey("a", n) for n in (1, 2, 3, 4)]
     assert all(len(air.of(Position, n)) > 4 for n in (1, 2, 3, 4))
 
@@ -123,8 +126,25 @@ def test_only_autopilots_of_aircraft_are_vehicles(
     assert list(link.clients) == [9]
 
 
-def test_vtols_count_as_planes() -> None:
-    assert stack_of(mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_VTOL_TILTROTOR) == PX4
+def test_vtols_are_planes_that_land_vertically() -> None:
+    stack = stack_of(mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_VTOL_TILTROTOR)
+    assert stack == stack_named("px4", "vtol")
+    assert (stack.vehicle, stack.kind) == ("plane", "vtol")
+
+
+def test_a_quadplane_with_the_heartbeat_of_a_plane_is_a_vtol_by_its_state() -> None:
+    monitor = VehicleMonitor(3_000_000)
+    plane = (mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
+    beat = mavlink.MAVLink_heartbeat_message(*plane, 0, 0, 0, 3)
+    monitor.receive(beat, 0)
+    assert monitor.stack == stack_named("ardupilot", "plane")
+    hover, ground = mavlink.MAV_VTOL_STATE_MC, mavlink.MAV_LANDED_STATE_ON_GROUND
+    monitor.receive(mavlink.MAVLink_extended_sys_state_message(0, ground), 1)
+    assert monitor.stack == stack_named("ardupilot", "plane")
+    monitor.receive(mavlink.MAVLink_extended_sys_state_message(hover, ground), 2)
+    assert monitor.stack == stack_named("ardupilot", "vtol")
+    assert monitor.receive(beat, 3) == []  # not a heartbeat of another vehicle
+    assert monitor.stack == stack_named("ardupilot", "vtol")
 
 
 def test_the_same_id_on_two_links_is_two_vehicles() -> None:
