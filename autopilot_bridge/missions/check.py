@@ -97,6 +97,10 @@ def _bad_item(index: int, item: MissionItem, stack: Stack, rules: Rules) -> Iter
     if takeoff_low and item.command in TAKEOFFS:
         reason = "the whole mission is rejected for a takeoff to home's altitude or below"
         yield problem("refused", index, item, "z", reason, "give an altitude above home")
+    climbs_by_z = stack.vtol and stack.name == "ardupilot" and item.command in TAKEOFFS
+    if climbs_by_z and item.frame not in (3, 6):
+        reason = "a quadplane climbs vertically by z above its position, in every frame"
+        yield problem("dangerous", index, item, "frame", reason, "give frame 3 and a height")
 
 
 def _bad_params(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]:

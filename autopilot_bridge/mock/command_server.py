@@ -200,7 +200,8 @@ class CommandServer:
         frame_taken = request.frame in (None, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT)
         if not self._plane and not frame_taken:
             return DENIED
-        if self._plane or flight.mode != "guided" or not flight.armed or flight.airborne:
+        cannot = self._plane and not self._stack.vtol
+        if cannot or flight.mode != "guided" or not flight.armed or flight.airborne:
             return FAILED
         flight.fly_around(_position(flight), flight.frame.altitude_m + request.z, DEFAULT_RADIUS_M)
         return ACCEPTED

@@ -434,6 +434,7 @@ class FlightModel(Body):
     def _hold(self) -> None:
         """Hover, circle or orbit at the commanded position; PX4 loiters after its takeoff."""
         north, east, altitude_m = self._hold_at
+        self._become_plane(self.motion.altitude_m > altitude_m - HIGH_ENOUGH_M)
         if self.mode == "orbit":
             self.orbit((north, east), altitude_m, self.radius_m, self.orbit_m_s)
         else:

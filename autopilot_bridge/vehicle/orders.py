@@ -68,7 +68,7 @@ def takeoff(stack: Stack, height_m: float, ground_amsl_m: float) -> Steps:
     """Return the steps that arm, take off and hold at ``height_m`` above the ground.
 
     ArduPlane climbs to the height in its parameter TKOFF_ALT, which the steps change permanently.
-    A VTOL climbs vertically and hovers.
+    A VTOL climbs vertically; then PX4 hovers, and ArduPlane circles as a plane.
     """
     if not 1.0 <= height_m <= 10_000.0:
         raise BridgeError(f"takeoff to {height_m} m: give 1 to 10000 m above the ground")

@@ -98,8 +98,9 @@ def test_all_kinds_are_found_on_one_link() -> None:
     assert found == dict(enumerate(STACKS, start=1))
     connected = {key.system_id: e.stack.name for key, e in air.events if isinstance(e, Connected)}
     assert connected == {number: stack.name for number, stack in found.items() if stack}
-    assert list(air.vehicles) == [VehicleKey("a", n) for n in (1, 2, 3, 4)]
-    assert all(len(air.of(Position, n)) > 4 for n in (1, 2, 3, 4))
+    numbers = range(1, len(STACKS) + 1)
+    assert list(air.vehicles) == [VehicleKey("a", n) for n in numbers]
+    assert all(len(air.of(Position, n)) > 4 for n in numbers)
 
 
 @pytest.mark.parametrize(

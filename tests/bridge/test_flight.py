@@ -12,7 +12,7 @@ from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane
-from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import (
     CommandFinished,
     Connected,
@@ -24,11 +24,10 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
 )
 from tests.bridge.helpers import HOME, Pair, flight_of, line_of, mock_of
+from tests.bridge.mock_exchange import each_stack
 
 # Copies of a flight contain messages of pymavlink, which contain their struct.
 copyreg.pickle(struct.Struct, lambda packed: (struct.Struct, (packed.format,)))
-
-each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
 
 
 def flying(stack: Stack) -> Pair:

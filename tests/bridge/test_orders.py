@@ -15,10 +15,11 @@ from autopilot_bridge.vehicle import orders
 from autopilot_bridge.vehicle.client_events import CommandFinished, ModeChanged, Position, Rebooted
 from autopilot_bridge.vehicle.command_sequence import CommandSequence
 from tests.bridge.helpers import HOME, Pair, flight_of, mock_of
+from tests.bridge.mock_exchange import NOT_VTOLS
 
 PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
 PX4_COPTER, COPTER = stack_named("px4", "copter"), stack_named("ardupilot", "copter")
-each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
+each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.kind}")
 circling = pytest.mark.parametrize(
     "stack", [PX4, PX4_COPTER, PLANE], ids=lambda s: f"{s.name}-{s.vehicle}"
 )
@@ -136,7 +137,7 @@ def test_arducopter_reports_that_it_has_no_orbit() -> None:
         pair.client.command("orbit", pair.now_us, *PLACE, 390.0, 100.0)
 
 
-@each_stack
+@pytest.mark.parametrize("stack", NOT_VTOLS)
 def test_a_mission_is_paused_and_resumed_where_it_was_left(stack: Stack) -> None:
     pair = standing(stack, loss=0.1)
     pair.result_of(pair.client.upload(flight_of(), pair.now_us, by_file=False))
@@ -176,7 +177,7 @@ def test_a_vehicle_returns(stack: Stack) -> None:
     assert max(distances_m(pair, HOME[:2], last=8)) < 95.0
 
 
-@pytest.mark.parametrize("stack", [PX4, PX4_COPTER, COPTER], ids=lambda s: f"{s.name}-{s.vehicle}")
+@pytest.mark.parametrize("stack", [PX4, PX4_COPTER, COPTER], ids=lambda s: f"{s.name}-{s.kind}")
 def test_a_vehicle_lands_where_it_is_and_disarms(stack: Stack) -> None:
     pair = airborne(stack)
     accepted(pair, pair.client.command("land", pair.now_us))
@@ -204,7 +205,7 @@ def test_arduplane_refuses_a_go_around_outside_a_landing() -> None:
     assert "DO_GO_AROUND failed" in ended.reason
 
 
-@pytest.mark.parametrize("stack", [PX4, PX4_COPTER, COPTER], ids=lambda s: f"{s.name}-{s.vehicle}")
+@pytest.mark.parametrize("stack", [PX4, PX4_COPTER, COPTER], ids=lambda s: f"{s.name}-{s.kind}")
 def test_other_vehicles_go_around_to_a_place_and_height(stack: Stack) -> None:
     pair = airborne(stack)
     before_m = distances_m(pair, PLACE)[-1]

@@ -21,7 +21,7 @@ PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
 COPTER = stack_named("ardupilot", "copter")
 INT32, INT8 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_INT8
 REAL32 = mavlink.MAV_PARAM_TYPE_REAL32
-each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
+each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.kind}")
 WHOLE = {"px4": "MIS_TKO_LAND_REQ", "ardupilot": "SYSID_THISMAV"}
 
 

@@ -12,9 +12,10 @@ import pytest
 from autopilot_bridge.items import Items, MissionItem
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.missions.read_back import FENCE, MISSION, RALLY, as_read_back, same_as_sent
-from autopilot_bridge.stacks.stacks import STACKS, Stack
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 
-PX4, PX4_COPTER, PLANE, COPTER = STACKS
+PX4, PX4_COPTER = stack_named("px4", "plane"), stack_named("px4", "copter")
+PLANE, COPTER = stack_named("ardupilot", "plane"), stack_named("ardupilot", "copter")
 X, Y = 363000000, -842000000
 NAN = math.nan
 PARAMS = ("param1", "param2", "param3", "param4")

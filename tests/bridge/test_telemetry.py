@@ -36,7 +36,7 @@ from tests.bridge.helpers import SECOND, Pair, mock_of
 PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
 COPTER = stack_named("ardupilot", "copter")
 FLIGHTS = Path("/work/shared/data/flights")
-each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
+each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.kind}")
 
 
 def event_of(message: Any) -> Any:

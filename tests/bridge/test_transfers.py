@@ -21,7 +21,7 @@ from tests.bridge.helpers import SECOND, Pair, line_of, mock_of
 
 Items = tuple[MissionItem, ...]
 PX4, ARDUPILOT = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
-each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
+each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.kind}")
 both = pytest.mark.parametrize("stack", [PX4, ARDUPILOT], ids=lambda s: s.name)
 
 

@@ -63,7 +63,7 @@ def test_it_is_shown_set_read_back_and_put_back(tmp_path: Path, stack: Stack) ->
     with served(stack) as (mock, link):
         before = {name: mock.parameters.value(name) for name in mock.parameters.names}
         shown = result_of("show", *link)
-        assert (shown["reaction"], shown["stack"]) == ("continues", f"{stack.name} {stack.vehicle}")
+        assert (shown["reaction"], shown["stack"]) == ("continues", f"{stack.name} {stack.kind}")
         done = result_of("set", "return", "-o", str(old), *link)
         assert "returns after" in done["mission"] == done["guided"] == done["hold"]
         assert done["changed"]

@@ -166,6 +166,7 @@ def test_all_checks_pass_for_a_vehicle_that_is_ready(land: Landscape) -> None:
         "estimator",
         "link",
         "autopilot",
+        "kind",
         "home",
         "mission",
         "airspace",
