@@ -39,10 +39,10 @@ def test_bad_words_get_one_line_and_exit_code_1(arguments: tuple[str, ...], word
     assert result.stderr.count("\n") == 1
 
 
-def test_without_a_scenario_the_vehicle_is_plane_or_copter() -> None:
+def test_without_a_scenario_the_vehicle_is_a_kind() -> None:
     result = call("mock", "--vehicle", "owl")
     assert result.exit_code == 2
-    assert "without a scenario, give plane or copter" in result.stderr
+    assert "without a scenario, give plane, vtol or copter" in result.stderr
 
 
 def test_links_to_listen_on() -> None:
