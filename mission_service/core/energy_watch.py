@@ -141,6 +141,7 @@ def _overdue(vehicle: Vehicle, at_s: float, led_home: bool) -> list[AnyCommand]:
     """Raise or clear the alarm about a vehicle that should fly home and does not."""
     state, found = vehicle.energy, vehicle.energy.estimate
     goes_home = led_home or vehicle.going_home or vehicle.availability.mode in GOING_HOME
+    goes_home |= vehicle.landing_state.uses_field
     if found is None or found.time_on_task_s > 0.0 or goes_home:
         state.time_up_since_s = None
         was_overdue, state.overdue = state.overdue, False

@@ -58,6 +58,18 @@ def set_terrain(flight: Vehicles, land: Landscape, elevation_m: np.ndarray) -> N
     flight.core._landings.landscape = replace(land, elevation_m=elevation.copy())
 
 
+def test_one_whose_time_ends_on_its_approach_is_not_overdue(land: Landscape) -> None:
+    for lands, expected in ((True, False), (False, True)):
+        flight = Vehicles(land, "vehicles.0.endurance_s=600")
+        if lands:
+            flight.approaches()
+        else:
+            flight.order("hold")
+            flight.mode("hold")
+        commands = [each for _ in range(16) for each in flight.at(CRUISE_M, later_s=40.0)]
+        assert ("overdue" in alarms(commands)) is expected
+
+
 def to_vehicle(commands: list[AnyCommand]) -> list[AnyCommand]:
     return [each for each in commands if isinstance(each, TO_VEHICLE)]
 
