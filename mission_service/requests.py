@@ -517,7 +517,7 @@ class Return(OrderRequest, frozen=True):
 
 
 class Land(OrderRequest, frozen=True):
-    """Land at home: planes by a mission into the wind, multirotors by a return."""
+    """Land at home: planes and VTOLs by a mission, multirotors by a return."""
 
 
 class GoAround(OrderRequest, frozen=True, tag="go-around"):

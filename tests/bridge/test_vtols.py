@@ -80,7 +80,8 @@ def test_it_lands_on_the_point_and_is_disarmed(stack: Stack) -> None:
 @each_vtol
 def test_its_state_is_hover_or_flight(stack: Stack) -> None:
     run = flown(stack, mission(LAND))
-    flight, states = run.mock.flight, []
+    flight = run.mock.flight
+    states: list[int] = []
     for _ in range(200):
         state = landed_state(stack, flight).vtol_state
         if not states or states[-1] != state:
@@ -144,7 +145,7 @@ def test_a_px4_that_returns_in_hover_lands_at_home() -> None:
 
 
 def test_orders_to_land_lead_to_a_vertical_landing() -> None:
-    assert [int(step.params[1]) for step in land(QUADPLANE)] == [QUADPLANE.mode_number("qland")]
+    assert land(QUADPLANE) == (QUADPLANE.set_mode(QUADPLANE.mode_number("qland")),)
     assert land(PX4) == land(stack_named("px4", "plane"))
 
 
