@@ -195,7 +195,8 @@ class DecisionEngine:
             availability.held_by_upload, availability.mode_is_ordered = False, True
         else:
             changed = (event.mode, event.armed) != before
-            if changed:
+            ends_return = event.mode == "qrtl" and before[0] == "return"  # by Q_RTL_MODE
+            if changed and not ends_return:
                 self._mode_chosen(availability, event)
             if event.mode in GOING_HOME and availability.airborne:
                 self.recall(event.vehicle, at_s)

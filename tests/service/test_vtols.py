@@ -153,9 +153,12 @@ def test_a_quadplane_that_lands_after_its_return_flies_home(demo: Landscape) -> 
     flight = Vehicles(demo, VTOL, ARDUPILOT)
     assert every(flight.order("return"), Return)
     flight.mode("return")
+    flight.at(CRUISE_M, later_s=200.0)
     flight.mode("qrtl")  # by Q_RTL_MODE
-    flight.at(CRUISE_M)
-    assert not flight.core.vehicles["hawk"].availability.taken_over
+    availability = flight.core.vehicles["hawk"].availability
+    assert not availability.taken_over
+    flight.mode("qland")
+    assert availability.taken_over
 
 
 @pytest.mark.parametrize(
