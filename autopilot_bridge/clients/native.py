@@ -376,7 +376,7 @@ class NativeClient:
         mode, stack = self.custom_mode, self._connected_stack()
         if mode != before and not self._commanded_modes.has(mode, now_us):
             why = changed_meanwhile(stack, mode)
-            self._jobs.mode_overridden(why)
+            self._jobs.mode_overridden(why, self.armed)
             if mode == stack.rtl_mode and stack.atomic_upload:
                 self._send(*self._jobs.cancel_missions(stack, why, now_us))
             self._send(*self._commands.release_mode(why, now_us))

@@ -124,17 +124,19 @@ class TransferQueue:
         if isinstance(job.exchange, ModeChange) and job.exchange.result is None:
             job.exchange.result = TransferResult("cancelled", "an urgent order replaced it")
 
-    def mode_overridden(self, why: str) -> None:
+    def mode_overridden(self, why: str, armed: bool = True) -> None:
         """Prevent the current upload from changing the mode.
 
         The autopilot or a pilot has changed the mode. Queued uploads check the mode when they
-        begin.
+        begin. A disarmed ArduPlane leaves AUTO by itself when its old mission is cleared; its new
+        mission is still set to its first item.
         """
         job = self._job
         if job is None or job.action != "upload":
             return
         job.override = job.override or why
-        if isinstance(job.exchange, ModeChange | MissionActivation):
+        stopped = ModeChange | MissionActivation if armed else ModeChange
+        if isinstance(job.exchange, stopped):
             job.exchange.stop_commands(why)
 
     def start_next(self, state: VehicleState, now_us: int) -> list[Message]:
@@ -357,7 +359,7 @@ class TransferQueue:
         """Return the phase that starts the mission on board, or the result if it cannot start."""
         if job.kind != "mission" or not job.items or job.reread:
             return accepted(job)
-        if job.override and not state.stack.atomic_upload:
+        if job.override and state.armed and not state.stack.atomic_upload:
             return self._not_started(job, TransferResult("failed", job.override))
         plan_id, seq = mission_id_of(job.wire_items, state.stack), self._seq(job)
         later = range(seq, len(job.wire_items))

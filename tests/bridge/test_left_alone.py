@@ -110,6 +110,21 @@ def test_a_failsafe_over_a_lossy_link_is_left_alone(stack: Stack, seed: int) -> 
     assert pair.mock.flight.mode == "rtl"
 
 
+@pytest.mark.parametrize("after_s", [0.1, 0.5, 1.0, 1.5])
+def test_a_disarmed_arduplane_that_leaves_auto_at_the_upload_accepts_it(after_s: float) -> None:
+    """Seen after landings of ArduPlane 4.6.2: "Aircraft in auto without a running mission"."""
+    pair = flying(ARDUPLANE)
+    pair.mock.flight.touch(HOME[2])
+    pair.mock.flight.armed = False
+    pair.run_for(2.0)
+    sent = pair.client.upload(line_of(30, first=2), pair.now_us, by_file=False)
+    pair.run_for(after_s)
+    pair.mock.flight.set_mode("rtl", pair.now_us / 1e6)
+    assert pair.result_of(sent).outcome == "accepted"
+    assert pair.mock.flight.mode == "rtl"
+    assert not pair.mock.flight.armed
+
+
 Order = Callable[[Pair], object]
 ORDERS: dict[str, tuple[str, Order]] = {
     "start mission": ("hold", lambda pair: pair.client.command("start mission", pair.now_us)),
