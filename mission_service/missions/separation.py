@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot_bridge.items import MissionItem, has_position
+from autopilot_bridge.items import LANDINGS, MissionItem, has_position
 from firemodel.landscape.landscape import Landscape
 from mission_service.missions.heights import heights_near
 from mission_service.position_fix import PositionFix
@@ -28,7 +28,7 @@ NEAR_M = 200.0  # allows for cut corners, loiters, and fronts observed at differ
 MARGIN_M = 10.0  # added to the required separation for errors of altitude control
 AHEAD_S = 25.0  # time of an upload, half a turn and the flight to the waiting position
 PASSED_M = 1000.0
-NAV_LOITER_UNLIM, NAV_LAND, NAV_LOITER_TO_ALT = 17, 21, 31
+NAV_LOITER_UNLIM, NAV_LOITER_TO_ALT, NAV_VTOL_TAKEOFF = 17, 31, 84
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +53,12 @@ def track_of(
 ) -> Track:
     """Return the track of a mission, up to and including one lap of its unlimited loiter.
 
-    From ``start_m`` to the first point the track has that point's altitude.
+    From ``start_m`` to the first point the track has that point's altitude. A vertical takeoff,
+    whose height is above home, is left out.
     """
     last = next(place for place, item in enumerate(items) if item.command == NAV_LOITER_UNLIM)
-    flown = [item for item in items[: last + 1] if has_position(item.command)]
+    with_place = [item for item in items[: last + 1] if has_position(item.command)]
+    flown = [item for item in with_place if item.command != NAV_VTOL_TAKEOFF]
     lat, lon = (np.array([getattr(item, axis) for item in flown]) / 1e7 for axis in "xy")
     points = np.column_stack(landscape.xy_of_lat_lon(lat, lon))
     altitudes = np.array([item.z for item in flown])
@@ -79,8 +81,9 @@ def track_of(
 def descent_of(items: tuple[MissionItem, ...], landscape: Landscape, radius_m: float) -> Floats:
     """Return points (n, 2) of the descent of a landing mission: its loiter, and the last leg."""
     place = {item.command: (item.x / 1e7, item.y / 1e7) for item in items}
-    home_m = np.array(landscape.xy_of_lat_lon(*place[NAV_LAND]))
-    loiter_m = np.array(landscape.xy_of_lat_lon(*place.get(NAV_LOITER_TO_ALT, place[NAV_LAND])))
+    touchdown = next(place[command] for command in LANDINGS if command in place)
+    home_m = np.array(landscape.xy_of_lat_lon(*touchdown))
+    loiter_m = np.array(landscape.xy_of_lat_lon(*place.get(NAV_LOITER_TO_ALT, touchdown)))
     turns = np.linspace(0.0, math.tau, AROUND, endpoint=False)
     ring = loiter_m + radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
     return np.vstack([ring, along(loiter_m, home_m)])

@@ -20,6 +20,8 @@ from mission_service.missions.departure import takeoff_items
 from mission_service.missions.from_path import mission_along
 from mission_service.missions.landing import vtol_leg_m
 from mission_service.missions.landing_mission import landing_mission
+from mission_service.missions.mission_figures import figures_of
+from mission_service.missions.separation import descent_of
 from tests.service.landing_core import CRUISE_M, Vehicles, every, landing_uploads
 from tests.service.test_landing import FLAT, HOME_M, X, course_deg, section
 from tests.service.test_landing import land as terrain
@@ -106,6 +108,19 @@ def test_the_landing_ends_at_home_after_a_straight_line_into_the_wind(stack: str
     assert mission.course_deg == pytest.approx(200.0)
     problems = check(mission.items, stack_named(stack, "vtol"))
     assert {each.kind for each in problems} <= {"changed"}  # ArduPilot drops the exit's heading
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_the_figures_and_the_descent_of_a_vtol(stack: str) -> None:
+    vehicle, path = vtol(stack), np.array([ON_MAP_M, NORTH_ON_MAP_M])
+    items = mission_along(path, True, vehicle, FLAT, from_ground=True)
+    figures = figures_of(items, FLAT, vehicle, None)
+    assert (figures.min_height_agl_m, figures.highest_amsl_m) == (150.0, 450.0)
+    mission = landing_mission(vehicle, FLAT, (10.0, 200.0), NORTH_ON_MAP_M)
+    descent_m = descent_of(mission.items, FLAT, vehicle.loiter_radius_m)
+    away_m = np.hypot(*(descent_m - ON_MAP_M).T)
+    assert away_m[-1] < 1.0
+    assert away_m.max() < vtol_leg_m(vehicle) + 2.0 * vehicle.loiter_radius_m
 
 
 def test_missions_of_px4s_vtol_end_with_a_vertical_landing() -> None:
