@@ -26,7 +26,7 @@ GLIDE = math.tan(math.radians(6.0))
 IN_PLACE_M = 2.0  # at a shorter horizontal distance, a copter climbs or sinks vertically
 HIGH_ENOUGH_M = 1.5
 WIDER_M = 12.0  # observed with radii of 100 and 150 m: 11 m at 12.6 m/s, 13 m at 22 m/s
-SHORT_S = 0.6  # ArduPlane: distance before the point, divided by the headwind
+SHORT_S = 0.7  # ArduPlane: distance before the point, divided by the headwind or tailwind
 FLOATS_S = 6.3  # time from the flare of a PX4 plane until it rests
 FALL_M_S = 8.0  # speed of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
@@ -170,11 +170,11 @@ class Body:
         """Return how far beyond its landing point a plane comes to rest, on this course.
 
         A PX4 plane in simulation flares at the point and floats on, at about its minimum airspeed.
-        ArduPlane rests before the point in a headwind, and at the point without wind.
+        ArduPlane rests before the point in a headwind or tailwind, and at the point without wind.
         """
         along_m_s = self.wind.north_m_s * north + self.wind.east_m_s * east
         if self.stack.name != "px4":
-            return SHORT_S * along_m_s
+            return -SHORT_S * abs(along_m_s)
         return FLOATS_S * max(self.limits.min_airspeed_m_s + along_m_s, 0.0)
 
     def climb(self, place: Place, altitude_m: float) -> bool:
