@@ -124,7 +124,7 @@ class FlightSpace:
         section = vehicle.section
         hold_m = COPTER_REACH_M
         landing_m, turn_m = COPTER_REACH_M, 0.0
-        if section.kind == "plane":
+        if section.winged:
             hold_m = 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m
             landing_m = glide_m(APPROACH_HEIGHTS_M[-1]) + hold_m
             turn_m = 2.0 * section.turn_radius_m
