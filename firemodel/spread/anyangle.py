@@ -51,7 +51,7 @@ from firemodel.spread.anyangle_kernels import (
 )
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea, check_burning
-from firemodel.spread.firebrands import STEP_S, Firebrands
+from firemodel.spread.firebrands import STEP_S
 from firemodel.spread.front import neighbours_of
 from firemodel.spread.labels import (
     ActivePaths,
@@ -98,8 +98,6 @@ class AnyAngleFire(Fire):
 
     With ``firebrands``, burning crowns light spot fires.
     """
-
-    firebrands: Firebrands | None = None
 
     def __init__(
         self,

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.front import earliest_neighbour, front_polygons, multipolygon, neighbours_of
 from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
+
+if TYPE_CHECKING:
+    from firemodel.spread.firebrands import Firebrands
 
 UNBURNED, BURNING, BURNED, CANNOT_BURN = 0, 1, 2, 3
 
@@ -49,6 +52,7 @@ class Fire(ABC):
     time_s: float
     start_area: StartArea | None  # area of an initial fire; None if the scheme has only cells
     arrival_time_s: Floats
+    firebrands: "Firebrands | None" = None  # only in schemes with ``emits_firebrands``
 
     def __init__(
         self,

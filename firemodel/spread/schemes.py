@@ -95,8 +95,7 @@ def new_fire(
     fire: Fire = getattr(import_module(scheme.module), scheme.fire)(
         landscape, weather, ignitions, burning, **settings
     )
-    if firebrands is not None:
-        setattr(fire, "firebrands", firebrands)  # noqa: B010  # only one scheme has it
+    fire.firebrands = firebrands
     return fire
 
 
