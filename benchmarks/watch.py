@@ -87,8 +87,8 @@ class Watch:
 class SectorAges:
     """The times for which the sectors of the front were unseen, from the observed windows.
 
-    Sectors are angles at the middle of the area that has been observed as burned. A sector without
-    any front, which a small fire has, counts as seen.
+    Sectors are ranges of bearings from the centre of the area observed as burned. Sectors without
+    front, as of a small fire, count as seen.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:

@@ -351,7 +351,7 @@ class EstimatorStatusChanged(Event, frozen=True, tag=True):
 class RemoteIdChanged(Event, frozen=True, tag=True):
     """The state of the vehicle's Remote ID module has changed.
 
-    ``text`` is the module's error, or how the state was found; it may be empty.
+    ``text`` is the module's error, or how the state was determined; it may be empty.
     """
 
     state: Literal["ready", "fails", "lost"]

@@ -190,7 +190,7 @@ class EstimatorStatus(Status):
 class RemoteIdStatus(Status):
     """The state of the vehicle's Remote ID module, reported on change.
 
-    ``text`` is the module's error, or how the state was found; "" if it reports no error.
+    ``text`` is the module's error, or how the state was determined; "" if it reports no error.
     """
 
     at_us: int

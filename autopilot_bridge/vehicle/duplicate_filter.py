@@ -1,17 +1,18 @@
 """Discards the messages of a vehicle that arrive over several links. Pure.
 
 An autopilot sends telemetry, texts and heartbeats on each of its telemetry ports, with separate
-sequence numbers, at slightly different times, and with slightly different content. Replies it sends
+sequence numbers, at slightly different times, and with slightly different content. It sends replies
 only on the port of the request. A router sends identical frames over several links.
 
-*Events* (texts, acknowledgements, requests of items, parameters): the n-th message with the same
-content is used on the link on which it arrives first; repetitions over one link are used, unless
-they have the same sequence number.
+*Events* (texts, acknowledgements, requests of items, parameters): messages with the same content
+are counted on each link. The n-th of them is used once, from the link on which it arrives first. A
+message that the autopilot repeats is thus used again; a frame that arrives again with the same
+sequence number is not.
 
 *States* (positions, heartbeats and other periodic messages) are used from the link in use. If this
 link has lost a message, that of another link is used, but only if it is newer: a late heartbeat
-with an old mode would otherwise look like a change of the mode. A message without a time counts
-as as old as the last message with a time since boot on its link.
+with an old mode would otherwise look like a change of the mode. The time of a message without a
+time field is that of the last message with a time since boot on its link.
 """
 
 from collections import deque
@@ -33,7 +34,7 @@ LATE_INTERVALS = 1.5  # a message is missing after this multiple of the usual in
 UNKNOWN_INTERVAL_US = 1_000_000
 MIN_INTERVAL_US, MAX_INTERVAL_US = 100_000, 5_000_000
 # After a switch, states are discarded for this time if they are older than those already used.
-SETTLES_US = 10_000_000
+SETTLING_US = 10_000_000
 
 EventKey = tuple[int, str, bytes]
 
@@ -93,8 +94,8 @@ class DuplicateFilter:
             newer_us = age_us - state.age_us
             if link != in_use and newer_us < LATE_INTERVALS * state.interval_us():
                 return False
-            settles = self._switched_us is not None and now_us - self._switched_us < SETTLES_US
-            if link == in_use and settles and -SETTLES_US < newer_us < 0:
+            settles = self._switched_us is not None and now_us - self._switched_us < SETTLING_US
+            if link == in_use and settles and -SETTLING_US < newer_us < 0:
                 return False
         if link == in_use:
             if state.times_us and age_us < state.times_us[-1]:  # a restart, or another link

@@ -34,7 +34,7 @@ UNSTABLE_US = 60_000_000
 HALF = 128
 RESTARTED_AFTER_US = 1_000_000  # earlier numbers after this silence begin a new sequence
 MAX_EARLIER = 20  # so many earlier numbers in sequence begin a new sequence
-USABLE: dict[State, int] = {"up": 0, "degraded": 1, "silent": 2, "waiting": 2}
+STATE_RANK: dict[State, int] = {"up": 0, "degraded": 1, "silent": 2, "waiting": 2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,14 +159,14 @@ class LinkSelection:
         """
         best = min(self.order, key=self._rank)
         usable, best_usable = self._usable(self.in_use), self._usable(best)
-        if self.quality[self.in_use].state == "silent" and best_usable < USABLE["silent"]:
+        if self.quality[self.in_use].state == "silent" and best_usable < STATE_RANK["silent"]:
             return self._use(best, "silent", now_us)
-        if usable == USABLE["degraded"]:
+        if usable == STATE_RANK["degraded"]:
             gain = self._loss(self.in_use) - self._loss(best)
             better = best_usable < usable and not busy
             if (better or gain >= BETTER_LOSS) and self._dwelt(now_us):
                 return self._use(best, "loss", now_us)
-        if usable == USABLE["up"] and not busy:
+        if usable == STATE_RANK["up"] and not busy:
             for link in self.order[: self.order.index(self.in_use)]:
                 since_us = self.quality[link].up_since_us
                 if since_us is not None and now_us - since_us >= self._return_after_us:
@@ -178,7 +178,7 @@ class LinkSelection:
         return self.switched_us is None or now_us - self.switched_us >= DWELL_US
 
     def _usable(self, link: int) -> int:
-        return USABLE[self.quality[link].state]
+        return STATE_RANK[self.quality[link].state]
 
     def _loss(self, link: int) -> float:
         newest_us = self.quality[link].received_us
@@ -187,7 +187,7 @@ class LinkSelection:
 
     def _rank(self, link: int) -> tuple[int, float]:
         usable = self._usable(link)
-        return usable, self._loss(link) if usable == USABLE["degraded"] else 0.0
+        return usable, self._loss(link) if usable == STATE_RANK["degraded"] else 0.0
 
     def _use(self, link: int, cause: Cause, now_us: int) -> bool:
         if cause != "recovered":

@@ -1,4 +1,4 @@
-"""Follows the Remote ID module of a vehicle by its messages. Sans-IO.
+"""Determines the state of a vehicle's Remote ID module from its messages. Sans-IO.
 
 The module sends OPEN_DRONE_ID_ARM_STATUS and HEARTBEAT once a second, with the system id of the
 vehicle and a component id of its own. Sources of the rules:
@@ -7,10 +7,10 @@ vehicle and a component id of its own. Sources of the rules:
   ARM_STATUS of a DroneCAN module itself.
 - PX4 1.17 (``OPEN_DRONE_ID_ARM_STATUS.hpp``, ``mavlink_receiver.cpp``): sends the ARM_STATUS of a
   DroneCAN module. The messages of a MAVLink module arrive only if the port forwards them
-  (``MAV_x_FORWARD``). Like PX4, this module accepts the HEARTBEAT alone if its state is standby or
-  active.
+  (``MAV_x_FORWARD``). As in PX4, a HEARTBEAT without ARM_STATUS counts as ready if its state is
+  standby or active.
 
-A module that was received and has been silent for ``SILENT_US`` is lost.
+A module is lost if it has sent a message before and has been silent for ``SILENT_US``.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -26,7 +26,7 @@ COMPONENTS = (
 )
 SILENT_US = 5_000_000  # ArduPilot reports a lost transmitter after the same time
 HEALTHY = (mavlink.MAV_STATE_STANDBY, mavlink.MAV_STATE_ACTIVE)
-BY_HEARTBEAT = "healthy by its heartbeat, no arm status received"
+BY_HEARTBEAT = "healthy according to its HEARTBEAT, no arm status received"
 
 
 def is_of_remote_id(message: Message) -> bool:
@@ -42,13 +42,13 @@ class RemoteIdMonitor:
     """The state of one vehicle's Remote ID module, reported on change."""
 
     def __init__(self) -> None:
-        self._heard_us: int | None = None  # None before the first message, and after the loss
+        self._received_us: int | None = None  # None before the first message, and after the loss
         self._arm_status_us: int | None = None
         self._reported: tuple[RemoteIdState, str] | None = None
 
     def receive(self, message: Message, now_us: int) -> list[RemoteIdStatus]:
         """Process a message for which ``is_of_remote_id`` is true; return a changed state."""
-        self._heard_us = now_us
+        self._received_us = now_us
         if message.get_type() == ARM_STATUS:
             self._arm_status_us = now_us
             if message.status == mavlink.MAV_ODID_ARM_STATUS_GOOD_TO_ARM:
@@ -65,14 +65,14 @@ class RemoteIdMonitor:
 
     def next_timer(self) -> int | None:
         """Return the time at which the module counts as lost; None before its first message."""
-        return None if self._heard_us is None else self._heard_us + SILENT_US
+        return None if self._received_us is None else self._received_us + SILENT_US
 
     def handle_timer(self, now_us: int) -> list[RemoteIdStatus]:
         """Return the changed state of a module that has become silent."""
         due_us = self.next_timer()
         if due_us is None or now_us < due_us:
             return []
-        self._heard_us = self._arm_status_us = None
+        self._received_us = self._arm_status_us = None
         return self._changed("lost", f"silent for {SILENT_US // 1_000_000} s", now_us)
 
     def _changed(self, state: RemoteIdState, text: str, now_us: int) -> list[RemoteIdStatus]:

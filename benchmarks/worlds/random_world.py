@@ -174,7 +174,7 @@ def _world(random: Random, seed: int) -> World:
 
 
 def _terrain(random: Random) -> Terrain:
-    """Return hills whose slopes are at most about 40 %."""
+    """Return hills with slopes of at most about 40 %."""
     hills = []
     for _ in range(int(random.integers(0, 7))):
         width_m = float(random.uniform(150.0, 600.0))

@@ -16,8 +16,8 @@ from firemodel.arrays import Floats
 SOLAR_CONSTANT_W_M2 = 1361.0
 CLEAR_AIR = 0.70  # share of the beam that passes the air vertically at sea level
 SCALE_HEIGHT_M = 8200.0  # the pressure of the air falls to 1/e over this height
-MIN_SIN_ELEVATION = 0.035  # 2°; below, the air hides the beam
-MIN_MEASURED_SIN = 0.10  # lower suns do not show how much clouds hide
+MIN_SIN_ELEVATION = 0.035  # 2°; the beam of a lower sun is neglected
+MIN_MEASURED_SIN = 0.10  # of a lower sun, measurements are not used
 
 
 class Sun(NamedTuple):

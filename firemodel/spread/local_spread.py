@@ -102,7 +102,7 @@ def terrain_of(
 ) -> Terrain:
     """Return the flattened cells of a landscape, with the fuel beds of a weather.
 
-    Raises FireModelError if crown fire is wanted and the landscape has no canopy layers.
+    Raises FireModelError if crown fire is to be computed and the landscape has no canopy layers.
     """
     midflame = _midflame(landscape, burnable_codes(landscape)).ravel()
     canopy = NO_CANOPY

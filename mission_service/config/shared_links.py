@@ -56,7 +56,7 @@ def _connected(
 
 
 def _refuse_equal_ids(together: list[VehicleSection]) -> None:
-    """Raise ScenarioError for vehicles with the same system id that other vehicles connect."""
+    """Raise ScenarioError for equal system ids in a group of vehicles with shared links."""
     of_id: dict[int, VehicleSection] = {}
     for section in together:
         other = of_id.setdefault(section.system_id, section)

@@ -95,7 +95,7 @@ class Evasions:
         return self._upload(vehicle, path, items, places, fix, why, state)
 
     def _around(self, fix: PositionFix, airspace: Airspace) -> list[Volume]:
-        """Return the volumes that contain a vehicle, or within whose margin it is."""
+        """Return the volumes that contain a vehicle, or have it within their margin."""
         here = shapely.Point(fix.x_m, fix.y_m)
         near = airspace.blocked(fix.altitude_m - 1.0, fix.altitude_m + 1.0)
         margin_m = airspace.margins.horizontal_m

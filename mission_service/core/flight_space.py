@@ -109,8 +109,8 @@ class FlightSpace:
 
         The vehicle may hold anywhere on its flight, and return from any place that it may reach.
         The return is inside the convex hull of these places and home. The landing is inside a disc
-        around home, whichever its course. A vehicle on the ground has a flight if a mission that
-        takes off was accepted.
+        around home, for approaches on any course. A vehicle on the ground has a flight if a
+        mission with a takeoff was accepted.
         """
         fix, home_amsl_m = vehicle.availability.fix, self._home_altitude_m(vehicle)
         home = (*vehicle.home_m, home_amsl_m)

@@ -1,4 +1,4 @@
-"""Raises the hold of a plane whose circle would come too near to rising ground. Pure."""
+"""Raises the hold of a plane if its circle would come too close to rising ground. Pure."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR

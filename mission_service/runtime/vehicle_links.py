@@ -41,7 +41,7 @@ REPORT_SILENCE_AFTER_US = 4_000_000
 # Vehicles exceed the commanded airspeed: ArduPlane flew at 23 instead of 15 m/s, and faster in a
 # dive.
 FASTER = 2.0
-BACKUP_ID = 127  # difference between the link ids of a vehicle's links, which are below 255
+BACKUP_ID_OFFSET = 127  # from the link id of signatures of the preferred link; modulo 255
 STRONGEST_WIND_M_S = 30.0  # wind assumed for flights, unless the scenario has stronger wind
 SEVERITIES: dict[str, Severity] = {
     "source": "severe",
@@ -161,7 +161,7 @@ def _link_ids(
         given = section.signing_link_id
         first = places[section.name] % 256 if given is None else given
         for number, link in enumerate(section.links):
-            of_link.setdefault(link, first if number == 0 else (first + BACKUP_ID) % 255)
+            of_link.setdefault(link, first if number == 0 else (first + BACKUP_ID_OFFSET) % 255)
     return [of_link[address] for address in addresses]
 
 

@@ -11,7 +11,7 @@ class RemoteIdReport:
     """The last reported state, and the alarm about a required module that is not ready."""
 
     state: Literal["", "ready", "fails", "lost"] = ""  # empty before the first message
-    text: str = ""  # the module's error, or how the state was found
+    text: str = ""  # the module's error, or how the state was determined
     problem_since_s: float | None = None  # in the air
     alarm: str = ""
 

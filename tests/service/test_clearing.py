@@ -53,7 +53,7 @@ ONE_FIELD = ("vehicles.1.home_lat_deg=36.370784", "vehicles.1.home_lon_deg=-84.1
 
 
 class Cleared(Vehicles):
-    """Vehicles of one field, whose orders by the clearing are given at once, as by the engine."""
+    """Vehicles of one field; orders by the clearing are given at once, as by the engine."""
 
     def __init__(self, land: Landscape, *overrides: str, count: int = 1) -> None:
         super().__init__(land, *ONE_FIELD, *overrides, count=count)

@@ -64,7 +64,7 @@ function elementOf(row: Row, lengthS: number, isFirst: boolean): HTMLElement {
   const bar = h("span", { class: "bar", "aria-hidden": "true" });
   for (const [part, begin, end] of row.partsS) {
     const piece = h("i", { class: classOf(part) });
-    piece.style.left = `${(100 * begin) / lengthS}%`; // a script: the policy permits no style in markup
+    piece.style.left = `${(100 * begin) / lengthS}%`; // by script: the content security policy forbids style attributes
     piece.style.width = `${(100 * (end - begin)) / lengthS}%`;
     bar.append(piece);
   }
