@@ -27,9 +27,9 @@ STATES = MESSAGES | {
     *("GIMBAL_DEVICE_ATTITUDE_STATUS", "CAMERA_FOV_STATUS", "CAMERA_INFORMATION"),
     "CAMERA_THERMAL_RANGE",
 }
-SAME_FOR_US = 3_000_000  # equal messages within this time may be duplicates
+DUPLICATE_WITHIN_US = 3_000_000  # equal messages within this time may be duplicates
 MAX_KEYS = 512
-AGES = 8  # number of intervals that the usual interval is computed from
+INTERVALS = 8  # number of intervals that the usual interval is computed from
 LATE_INTERVALS = 1.5  # a message is missing after this multiple of the usual interval
 UNKNOWN_INTERVAL_US = 1_000_000
 MIN_INTERVAL_US, MAX_INTERVAL_US = 100_000, 5_000_000
@@ -54,7 +54,7 @@ class _Periodic:
 
     def __init__(self) -> None:
         self.age_us: int | None = None  # the autopilot's time of the last used message
-        self.times_us: deque[int] = deque(maxlen=AGES + 1)
+        self.times_us: deque[int] = deque(maxlen=INTERVALS + 1)
 
     def interval_us(self) -> float:
         intervals = sorted(late - early for early, late in pairwise(self.times_us))
@@ -107,7 +107,7 @@ class DuplicateFilter:
     def _is_new_event(self, message: Message, link: int, now_us: int) -> bool:
         key = _event_key(message)
         same = self._events.pop(key, None)
-        if same is None or now_us - same.at_us >= SAME_FOR_US:
+        if same is None or now_us - same.at_us >= DUPLICATE_WITHIN_US:
             same = _Occurrences()
         self._events[key] = same
         if len(self._events) > MAX_KEYS:

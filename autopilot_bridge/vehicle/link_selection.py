@@ -33,7 +33,7 @@ UNSTABLE_US = 60_000_000
 # A gap is at most half of the 256 numbers; a frame with an earlier number was late or repeated.
 HALF = 128
 RESTARTED_AFTER_US = 1_000_000  # earlier numbers after this silence begin a new sequence
-MAX_EARLIER = 20  # so many earlier numbers in sequence begin a new sequence
+MAX_EARLIER = 20  # this many earlier numbers in succession begin a new sequence
 STATE_RANK: dict[State, int] = {"up": 0, "degraded": 1, "silent": 2, "waiting": 2}
 
 

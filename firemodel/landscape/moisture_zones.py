@@ -1,4 +1,4 @@
-"""Divide a landscape into zones whose dead fuel dries alike: elevation, slope, aspect, shade.
+"""Divide a landscape into zones of equal dead fuel moisture, by elevation, slope, aspect, canopy.
 
 A zone consists of the cells in the same band of elevation, class of slope and aspect, and class of
 canopy cover, as in FARSITE's conditioning. Each zone has the means of its cells.

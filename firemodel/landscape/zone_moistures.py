@@ -59,7 +59,7 @@ def zone_moistures(air: AirRecords, conditions: ZoneConditions) -> list[tuple[De
     if landscape.elevation_m is None:
         raise FireModelError(
             "landscape: no elevation, which the moisture of slopes requires; give an elevation "
-            'raster, or condition with "time_lag"'
+            'raster, or use dead_fuel_model = "time_lag"'
         )
     zones = landscape.moisture_zones
     if station_m is None:

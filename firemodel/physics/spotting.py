@@ -300,7 +300,7 @@ def firebrand_ignition_probability(temperature_c: float, fine_moisture: float) -
     return min(0.000048 * math.pow(max(0.1 * (400.0 - heat), 0.0), 4.3) / 50.0, 1.0)
 
 
-class Strike(NamedTuple):
+class LightningFuel(NamedTuple):
     """How the probability of ignition by a continuing current depends on the fuel.
 
     The coefficients (a, b) are those of positive and of negative strokes. "exponential" and
@@ -325,16 +325,16 @@ class Strike(NamedTuple):
         return a * math.exp(-b * hundred_hour_pct)
 
 
-HIGH_ALTITUDE = Strike("exponential", (0.62, 0.050), (0.80, 0.014))  # negative: linear
+HIGH_ALTITUDE = LightningFuel("exponential", (0.62, 0.050), (0.80, 0.014))  # negative: linear
 LIGHTNING = {
-    "ponderosa_pine_litter": Strike("exponential", (0.92, 0.087), (1.04, 0.054)),
-    "punky_wood_rotten_chunky": Strike("exponential", (0.44, 0.110), (0.59, 0.094)),
-    "punky_wood_powder_deep": Strike("exponential", (0.86, 0.060), (0.90, 0.056)),
-    "punk_wood_powder_shallow": Strike("linear", (0.60, 0.011), (0.73, 0.011)),
-    "lodgepole_pine_duff": Strike("logistic", (5.13, 0.68), (3.84, 0.60)),
-    "douglas_fir_duff": Strike("logistic", (6.69, 1.39), (5.48, 1.28)),
+    "ponderosa_pine_litter": LightningFuel("exponential", (0.92, 0.087), (1.04, 0.054)),
+    "punky_wood_rotten_chunky": LightningFuel("exponential", (0.44, 0.110), (0.59, 0.094)),
+    "punky_wood_powder_deep": LightningFuel("exponential", (0.86, 0.060), (0.90, 0.056)),
+    "punk_wood_powder_shallow": LightningFuel("linear", (0.60, 0.011), (0.73, 0.011)),
+    "lodgepole_pine_duff": LightningFuel("logistic", (5.13, 0.68), (3.84, 0.60)),
+    "douglas_fir_duff": LightningFuel("logistic", (6.69, 1.39), (5.48, 1.28)),
     "high_altitude_mixed": HIGH_ALTITUDE,
-    "peat_moss": Strike("exponential", (0.71, 0.070), (0.84, 0.060)),
+    "peat_moss": LightningFuel("exponential", (0.71, 0.070), (0.84, 0.060)),
 }
 POSITIVE_CONTINUES, NEGATIVE_CONTINUES = 0.9, 0.2  # share of strokes with a continuing current
 POSITIVE_SHARE = 0.277  # of all strokes

@@ -11,11 +11,11 @@ if TYPE_CHECKING:
 
 
 class ReliefSection(Section):
-    """A task that outlives its aircraft: one of ``vehicles`` flies it, the others stand by.
+    """A task that lasts longer than a flight: one of ``vehicles`` flies it, the others stand by.
 
     The next vehicle arrives ``overlap_s`` before the present one must leave. Each takeoff needs an
     operator's order. With ``standing_signoff`` the first takeoff needs none, nor does the takeoff
-    of a vehicle that has landed after its time on task, and whose autopilot has reported a full
+    of a vehicle after its time on task and a landing, when its autopilot has reported a full
     battery for ``ready_after_s`` on the ground.
     """
 

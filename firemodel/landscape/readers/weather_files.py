@@ -178,8 +178,8 @@ def _zone_moistures(
     assert moisture is not None  # because dead moistures are not in the file (_check_moistures)
     if begin is None:
         raise FireModelError(
-            f"{path}: has no calendar times, which the sun requires; give a column time instead of "
-            "at_s, or condition by time lag"
+            f"{path}: has no calendar times, which the position of the sun requires; give a column "
+            'time instead of at_s, or use dead_fuel_model = "time_lag"'
         )
     none = np.zeros(at_s.size)
     air = AirRecords(

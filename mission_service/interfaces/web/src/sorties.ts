@@ -136,7 +136,7 @@ function rowOf(store: Store, vehicle: Vehicle, all: Vehicle[]): Row {
   };
 }
 
-// The bars move in steps of 10 s, so that the rows are not drawn again at each position.
+// The bars change in steps of 10 s, so that the rows are not drawn again at each report of a position.
 const round = (s: number): number => Math.round(s / 10) * 10;
 
 /** Whole minutes, rounded down: a landing is never shown later than it must be. */
