@@ -22,7 +22,14 @@ class BatteryCrew:
         scenario: Scenario,
         mocks: Mapping[str, MockAutopilot],
     ) -> None:
-        """Give each mock a full battery. Raises ScenarioError for one without ``endurance_s``."""
+        """Give each mock a full battery.
+
+        Args:
+            mocks: Mocks by the name of their vehicle; other processes may have further mocks.
+
+        Raises:
+            ScenarioError: A vehicle of the scenario has no ``endurance_s``.
+        """
         self._section = section
         self._mocks = mocks
         self._full_at_s = [0.0] * section.packs  # times at which the spare batteries are full
@@ -34,7 +41,8 @@ class BatteryCrew:
                     f"{scenario.name}: [simulation.batteries] needs the endurance_s of "
                     f"{vehicle.name}, for which a full battery lasts"
                 )
-            mocks[vehicle.name].flight.battery = Battery(100.0, vehicle.endurance_s)
+            if vehicle.name in mocks:
+                mocks[vehicle.name].flight.battery = Battery(100.0, vehicle.endurance_s)
 
     def work(self, at_s: float) -> None:
         """Replace the batteries that are due at mission time ``at_s``."""
@@ -52,3 +60,12 @@ class BatteryCrew:
                 self._full_at_s.pop(0)
                 insort(self._full_at_s, at_s + self._section.charge_s)
                 mock.replace_battery()
+
+
+def battery_crew_of(scenario: Scenario, mocks: Mapping[str, MockAutopilot]) -> BatteryCrew | None:
+    """Return the crew of ``[simulation.batteries]``, or None without this table.
+
+    Raises ScenarioError for a vehicle without ``endurance_s``.
+    """
+    section = scenario.simulation.batteries
+    return None if section is None else BatteryCrew(section, scenario, mocks)

@@ -27,6 +27,7 @@ from mission_service.errors import MissionServiceError
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_fire import simulated_fire_of
 from mission_service.runtime.clocks import clock_us, wall_us
+from mission_service.simulation.battery_crew import CHECK_EVERY_S, BatteryCrew, battery_crew_of
 from mission_service.simulation.demo import vehicle_of
 from mission_service.simulation.image_writer import ImageWriter
 from mission_service.simulation.sim import fit_remote_id, mock_of
@@ -149,12 +150,14 @@ def by_hand(
 class MocksOnLink:
     """The mocks on one link, or on several if each mock has as many telemetry ports.
 
-    ``signing_key`` is the source of the mocks' key.
+    ``signing_key`` is the source of the mocks' key. ``crew`` replaces batteries of these mocks and
+    of the other mocks of the process.
     """
 
     fleet: MockGroup
     links: tuple[str, ...]
     signing_key: str | None = None
+    crew: BatteryCrew | None = None
 
 
 def from_scenario(
@@ -163,21 +166,32 @@ def from_scenario(
     """Make mocks for a scenario's vehicles, on the ground at their homes.
 
     Without ``links``, each mock connects to the links of its vehicle. Without ``vehicle``, a mock
-    is made for the first vehicle, or for each vehicle if ``links`` is also empty.
+    is made for the first vehicle, or for each vehicle if ``links`` is also empty. The spare
+    batteries of ``[simulation.batteries]`` are those of the mocks that are made.
+
+    Raises MissionServiceError for batteries that the scenario and ``around`` both define.
     """
     scenario = flying(load_scenario(name))
+    if scenario.simulation.batteries is not None and around.battery_minutes is not None:
+        raise MissionServiceError(
+            f"--battery: {scenario.name} has the table [simulation.batteries]; remove one of them"
+        )
     landscape = landscape_of(scenario)
     if vehicle is None and not links:
         sections = list(scenario.vehicles)
     else:
         sections = [vehicle_of(scenario, vehicle)]
+    fleets = {each.name: _of_section(each, scenario, landscape, around) for each in sections}
+    mocks = {name: fleet.mocks[0] for name, fleet in fleets.items()}
+    crew = battery_crew_of(scenario, mocks)
     return [
         MocksOnLink(
-            _of_section(section, scenario, landscape, around),
-            links or tuple(map(other_end, section.links)),
-            section.signing_key,
+            fleets[each.name],
+            links or tuple(map(other_end, each.links)),
+            each.signing_key,
+            crew,
         )
-        for section in sections
+        for each in sections
     ]
 
 
@@ -266,6 +280,12 @@ def run(
         signing = None if key is None else Signing(read_key(key), timestamps)
         await serve(fleet, mocks.links, speedup, clock_us, opened, signing, signing_with)
 
+    async def replace_batteries(crew: BatteryCrew) -> None:
+        began_us = clock_us()
+        while True:
+            crew.work((clock_us() - began_us) / 1e6 * speedup)
+            await asyncio.sleep(CHECK_EVERY_S / speedup)
+
     async def until_ended() -> None:
         task = asyncio.current_task()
         assert task is not None
@@ -277,6 +297,8 @@ def run(
             async with asyncio.TaskGroup() as group:
                 for mocks in all_mocks:
                     group.create_task(fly(mocks))
+                for crew in {each.crew for each in all_mocks if each.crew is not None}:
+                    group.create_task(replace_batteries(crew))
 
     asyncio.run(until_ended())
 

@@ -45,7 +45,7 @@ from mission_service.runtime.gateway import (
 )
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.simulation.battery_crew import BatteryCrew
+from mission_service.simulation.battery_crew import battery_crew_of
 from mission_service.simulation.image_writer import (
     SIMULATED_ZERO,
     ImageWriter,
@@ -180,7 +180,8 @@ class Simulation:
         self.rigs = [
             SimulatedVehicle(section, scenario, landscape, self.clock) for section in scenario.flown
         ]
-        self._batteries = self._battery_crew(scenario)
+        mocks = {rig.gateway.name: rig.mock for rig in self.rigs}
+        self._batteries = battery_crew_of(scenario, mocks)
         self.core = Core(scenario, landscape)
         gateways = {rig.gateway.name: rig.gateway for rig in self.rigs}
         warnings = warnings_on(scenario, landscape)
@@ -195,13 +196,6 @@ class Simulation:
         self._progress = progress
         self._report_us = self.clock.now_us
         self._heap = [(0, index) for index in range(len(self.rigs))]
-
-    def _battery_crew(self, scenario: Scenario) -> BatteryCrew | None:
-        section = scenario.simulation.batteries
-        if section is None:
-            return None
-        mocks = {rig.gateway.name: rig.mock for rig in self.rigs}
-        return BatteryCrew(section, scenario, mocks)
 
     def _fit_cameras(self, scenario: Scenario, landscape: Landscape) -> SimulatedFire | None:
         """Fit the vehicles with cameras that write files; return the fire that the images show."""

@@ -1,6 +1,8 @@
 """The command ``mock`` as a process, and its errors of one line."""
 
+import asyncio
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -12,7 +14,16 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec
-from mission_service.simulation.mock_processes import MockEnvironment, by_hand, listening, read_wind
+from mission_service.config.scenario import scenario_path
+from mission_service.errors import MissionServiceError
+from mission_service.simulation.mock_processes import (
+    MockEnvironment,
+    by_hand,
+    from_scenario,
+    listening,
+    read_wind,
+    run,
+)
 from tests.patience import PATIENCE_S
 from tests.service.test_cli import call
 from tests.service.test_live import CLI, free_port
@@ -63,6 +74,44 @@ def test_a_fleet_by_hand_has_all_it_was_ordered() -> None:
     assert (last.stack.name, last.stack.vehicle) == ("ardupilot", "copter")
     assert (last.flight.wind.speed_m_s, last.flight.ground_amsl_m) == (4.0, 250.0)
     assert (last.battery_percent, last.missions.faults.loss) == (100.0, 0.5)
+
+
+@pytest.fixture
+def with_batteries(tmp_path: Path) -> str:
+    """Return the path of a scenario with simulated batteries, which are replaced at once."""
+    text = scenario_path("team").read_text().replace("\nstack =", "\nendurance_s = 1800\nstack =")
+    path = tmp_path / "batteries.toml"
+    path.write_text(f"{text}\n[simulation.batteries]\npacks = 1\nswap_s = 0\n")
+    return str(path)
+
+
+def test_the_mocks_of_a_scenario_have_its_batteries_and_one_crew(with_batteries: str) -> None:
+    mocks = from_scenario(with_batteries, None, None, MockEnvironment())
+    assert [each.fleet.mocks[0].battery_percent for each in mocks] == [100.0] * 4
+    assert len({each.crew for each in mocks}) == 1
+    assert mocks[0].crew is not None
+    for each in from_scenario("team", None, None, MockEnvironment()):
+        assert (each.crew, each.fleet.mocks[0].battery_percent) == (None, None)
+    with pytest.raises(MissionServiceError, match="team has the table"):
+        from_scenario(with_batteries, None, None, MockEnvironment(battery_minutes=20.0))
+
+
+def test_the_process_of_the_mocks_replaces_used_batteries(with_batteries: str) -> None:
+    (hawk,) = from_scenario(
+        with_batteries, "hawk", f"udpout:127.0.0.1:{free_port()}", MockEnvironment()
+    )
+    (mock,) = hawk.fleet.mocks
+    mock.battery_percent = 40.0
+    end_s = time.monotonic() + PATIENCE_S
+
+    def end_when_replaced(_line: str = "") -> None:
+        if mock.battery_percent == 100.0 or time.monotonic() > end_s:
+            os.kill(os.getpid(), signal.SIGTERM)
+        else:
+            asyncio.get_running_loop().call_later(0.01, end_when_replaced)
+
+    run([hawk], 20.0, False, end_when_replaced)
+    assert mock.battery_percent == 100.0
 
 
 def system_ids_received(station: socket.socket, address: tuple[str, int]) -> set[int]:
