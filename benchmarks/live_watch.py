@@ -82,6 +82,7 @@ class LiveWatch:
     restarted_at_s: float = 0.0
     down_s: float = 0.0  # real time from the kill of the service to its first reply
     orders: int = 0
+    refused: set[str] = field(default_factory=set)  # replies to orders that were refused
     service_cpu_s: float = 0.0
     client: Client = field(init=False)
 
@@ -121,8 +122,10 @@ class LiveWatch:
                 path = f"/api/v1/vehicles/{each['vehicle']}/start"
                 status, body = self.client.post(path, {}, 10.0)
                 self.orders += status == 200
-                if status != 200:
-                    click.echo(f"start of {each['vehicle']}: {status} {body.decode()[:200]}")
+                words = body.decode()
+                if status != 200 and words not in self.refused:
+                    self.refused.add(words)
+                    click.echo(f"        {words[:150]}")
 
     def kill_mock(self, state: dict[str, Any], at_s: float) -> None:
         """Kill the mock of the vehicle on task, if there is one."""

@@ -135,7 +135,7 @@ class Core:
             scenario,
             self.decision_engine,
             self.vehicles,
-            self._starts.start_mission,
+            self._start_by_order,
             self._approvals,
             self._landings,
             self.airspace,
@@ -200,7 +200,16 @@ class Core:
         if isinstance(command, Land) and not availability.airborne:
             return True
         on_ground = isinstance(command, StartMission) and not availability.airborne
-        return on_ground and vehicle.waits_for_operator
+        return on_ground and (vehicle.waits_for_operator or self._stands_by(vehicle))
+
+    def _stands_by(self, vehicle: Vehicle) -> bool:
+        return self._reliefs is not None and self._reliefs.stays_on_ground(vehicle)
+
+    def _start_by_order(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Start the mission on board; a vehicle that stands by takes off when its relief is due."""
+        if self._stands_by(vehicle):
+            return [announce(vehicle, "stands by: it takes off when its relief is due")]
+        return self._starts.start_mission(vehicle, at_s)
 
     def _handle(self, event: events.AnyEvent) -> list[AnyCommand]:
         if isinstance(event, events.OperatorEvent):
@@ -368,7 +377,7 @@ class Core:
         if self._approvals is not None:
             commands += self._approvals.lapsed(vehicle, at_s)
         commands += self.guidance.announcements(vehicle, at_s, decision)
-        if self._reliefs is not None and self._reliefs.stays_on_ground(vehicle):
+        if self._stands_by(vehicle):
             return commands
         if not vehicle.deployed:
             return [*commands, *self._deploy(vehicle, fix)]

@@ -151,11 +151,13 @@ class Landings:
         """Return whether a vehicle that has returned must land: relieved, or without time left.
 
         Planes circle above home, ArduPlane until the battery is empty. The other autopilots land.
+        Below ``LANDS_BELOW_M`` a plane still climbs, or its autopilot lands it.
         """
         section, availability = vehicle.section, vehicle.availability
         found, relieved = vehicle.energy.estimate, vehicle.lands_after_return
         circles = section.winged and (section.stack == "ardupilot" or relieved)
         circles &= availability.mode == "return" and availability.airborne
+        circles &= availability.height_m >= LANDS_BELOW_M
         circles &= not vehicle.landing_state.active
         if not circles or found is None or availability.in_failsafe:
             return False

@@ -97,10 +97,13 @@ class Reliefs:
                 member.unfit_since_s = member.shown = None
 
     def stays_on_ground(self, vehicle: Vehicle) -> bool:
-        """Return whether a vehicle on the ground is sent no mission, because it stands by."""
+        """Return whether a vehicle on the ground is not started, because no takeoff of it is due.
+
+        A vehicle that has landed has the role LEAVES until its next position.
+        """
         member = self.task.members.get(vehicle.name)
         on_ground = not vehicle.availability.airborne
-        return on_ground and member is not None and member.role is TaskRole.STANDS_BY
+        return on_ground and member is not None and member.role not in AIRBORNE_ROLES
 
     def moved(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Advance the roles at a vehicle's new position; the vehicles follow at their own."""

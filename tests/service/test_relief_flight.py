@@ -8,6 +8,7 @@ import pytest
 from autopilot_bridge.mock.failsafe_causes import Battery
 from mission_service.commands import Announce, RaiseAlarm
 from mission_service.config.scenario import Scenario
+from mission_service.core.landings import LANDS_BELOW_M
 from mission_service.events import Order, OrderGiven
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.relief.task_relief import TaskRole
@@ -243,6 +244,43 @@ def test_the_vehicle_on_task_continues_and_is_relieved_after_a_restart(tmp_path:
     (found,) = reliefs_in(flight.path)
     assert (found.left_by, found.resumed_by) == ("hawk", "kite")
     assert found.distance_m <= MAX_RESUME_M
+
+
+@pytest.mark.long
+def test_a_vehicle_with_a_mission_on_board_takes_off_only_when_its_relief_is_due(
+    tmp_path: Path,
+) -> None:
+    flight = Flight(tmp_path, relief_scenario(3, standing_signoff=True, overlap_s=200.0))
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.mock("kite").flight.crashed = True  # it does not arm
+    flight.until("swift", TaskRole.RELIEVES)
+    flight.mock("kite").flight.crashed = False
+    kite = flight.simulation.core.vehicles["kite"]
+    assert kite.waits_for_operator
+    assert kite.flown_line is not None
+    flight.order("start", "kite")
+    flight.until("swift", TaskRole.ON_TASK)
+    assert flight.role("kite") is TaskRole.STANDS_BY
+    assert not flight.mock("kite").flight.armed
+    flight.until("kite", TaskRole.ON_TASK)
+    entries = flight.over()
+    texts = [each.text for each in entries if isinstance(each, Announce)]
+    assert "stands by: it takes off when its relief is due" in texts
+    assert [found.resumed_by for found in reliefs_in(flight.path)] == ["swift", "kite"]
+
+
+@pytest.mark.long
+def test_a_vehicle_that_is_sent_home_during_its_takeoff_lands(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, standing(2))
+    hawk = flight.simulation.core.vehicles["hawk"]
+    while not hawk.availability.airborne:
+        flight.fly(0.5)
+    assert hawk.availability.height_m < LANDS_BELOW_M
+    hawk.going_home = hawk.lands_after_return = True
+    flight.until("hawk", TaskRole.LEAVES)
+    flight.until("hawk", TaskRole.STANDS_BY, 400.0)
+    assert not flight.mock("hawk").flight.crashed
+    assert "landing/hawk" not in flight.simulation.service.state_view.alarms
 
 
 @pytest.mark.long

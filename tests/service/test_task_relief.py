@@ -98,6 +98,19 @@ def test_an_order_or_the_scenario_signs_the_first_takeoff_off() -> None:
     assert waiting(standing_signoff=True) == [False, False]
 
 
+def test_only_a_vehicle_whose_takeoff_is_due_is_started() -> None:
+    scenario = relief_scenario(2)
+    core = Core(scenario, landscape_of(scenario))
+    reliefs, kite = core._reliefs, core.vehicles["kite"]
+    assert reliefs is not None
+    member = reliefs.task.members["kite"]
+    assert reliefs.stays_on_ground(kite)
+    member.change_role(TaskRole.RELIEVES, 1.0)
+    assert not reliefs.stays_on_ground(kite)
+    member.change_role(TaskRole.LEAVES, 2.0)  # after its landing, until its next position
+    assert reliefs.stays_on_ground(kite)
+
+
 def mocks_of_two() -> tuple[dict[str, MockAutopilot], BatteryCrew]:
     scenario = relief_scenario(2)
     landscape = landscape_of(scenario)
