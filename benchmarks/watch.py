@@ -113,9 +113,9 @@ class SectorAges:
             self._has_front[:] = False
             self._has_front[self._sectors(*edge_of(self._burned, ~self._burned))] = True
         self._seen_at_s[~self._has_front] = at_s
+        self.finish(at_s)  # before the sectors of this window count as seen
         row, col = edge_of(cells == BURNED, cells == UNBURNED)
         self._seen_at_s[self._sectors(row + event.row, col + event.col)] = at_s
-        self.finish(at_s)
 
     def finish(self, at_s: float) -> None:
         """Update the longest time at the end of the flight, or at any time."""
