@@ -245,6 +245,13 @@ def describe(fleet: MockGroup, links: Sequence[str], speedup: float) -> list[dic
     ]
 
 
+async def _replace_batteries(crew: BatteryCrew | None, speedup: float) -> None:
+    began_us = clock_us()
+    while crew is not None:
+        crew.work((clock_us() - began_us) / 1e6 * speedup)
+        await asyncio.sleep(CHECK_EVERY_S / speedup)
+
+
 def run(
     all_mocks: list[MocksOnLink],
     speedup: float,
@@ -280,12 +287,6 @@ def run(
         signing = None if key is None else Signing(read_key(key), timestamps)
         await serve(fleet, mocks.links, speedup, clock_us, opened, signing, signing_with)
 
-    async def replace_batteries(crew: BatteryCrew) -> None:
-        began_us = clock_us()
-        while True:
-            crew.work((clock_us() - began_us) / 1e6 * speedup)
-            await asyncio.sleep(CHECK_EVERY_S / speedup)
-
     async def until_ended() -> None:
         task = asyncio.current_task()
         assert task is not None
@@ -297,8 +298,8 @@ def run(
             async with asyncio.TaskGroup() as group:
                 for mocks in all_mocks:
                     group.create_task(fly(mocks))
-                for crew in {each.crew for each in all_mocks if each.crew is not None}:
-                    group.create_task(replace_batteries(crew))
+                for crew in {each.crew for each in all_mocks}:
+                    group.create_task(_replace_batteries(crew, speedup))
 
     asyncio.run(until_ended())
 

@@ -86,19 +86,19 @@ def with_batteries(tmp_path: Path) -> str:
 
 
 def test_the_mocks_of_a_scenario_have_its_batteries_and_one_crew(with_batteries: str) -> None:
-    mocks = from_scenario(with_batteries, None, None, MockEnvironment())
+    mocks = from_scenario(with_batteries, None, (), MockEnvironment())
     assert [each.fleet.mocks[0].battery_percent for each in mocks] == [100.0] * 4
     assert len({each.crew for each in mocks}) == 1
     assert mocks[0].crew is not None
-    for each in from_scenario("team", None, None, MockEnvironment()):
+    for each in from_scenario("team", None, (), MockEnvironment()):
         assert (each.crew, each.fleet.mocks[0].battery_percent) == (None, None)
     with pytest.raises(MissionServiceError, match="team has the table"):
-        from_scenario(with_batteries, None, None, MockEnvironment(battery_minutes=20.0))
+        from_scenario(with_batteries, None, (), MockEnvironment(battery_minutes=20.0))
 
 
 def test_the_process_of_the_mocks_replaces_used_batteries(with_batteries: str) -> None:
     (hawk,) = from_scenario(
-        with_batteries, "hawk", f"udpout:127.0.0.1:{free_port()}", MockEnvironment()
+        with_batteries, "hawk", (f"udpout:127.0.0.1:{free_port()}",), MockEnvironment()
     )
     (mock,) = hawk.fleet.mocks
     mock.battery_percent = 40.0
