@@ -3,15 +3,19 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.failsafe_causes import Battery
 from autopilot_bridge.transitions import InvalidTransitionError
+from benchmarks.watch import SectorAges
 from mission_service.config.relief_section import SimulatedBatteriesSection
 from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
 from mission_service.errors import ScenarioError
+from mission_service.events import Observed
+from mission_service.fire.observed_window import in_letters
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.relief.meeting import meeting_point
 from mission_service.relief.task_relief import TaskPlace, TaskRole, task_of
@@ -160,3 +164,12 @@ def test_simulated_batteries_need_an_endurance() -> None:
     scenario = load_scenario("team")
     with pytest.raises(ScenarioError, match="needs the endurance_s of hawk"):
         BatteryCrew(SimulatedBatteriesSection(packs=1), scenario, {})
+
+
+def test_the_time_between_two_images_of_a_front_is_the_age_of_its_sectors() -> None:
+    cells = np.full((30, 30), ord("u"), dtype=np.uint8)
+    cells[10:20, 10:20] = ord("b")
+    ages = SectorAges(cells.shape)
+    for at_s in (10, 20, 200, 210):
+        ages.add(Observed(at_s * 1_000_000, "hawk", 0, 0, in_letters(cells)))
+    assert ages.oldest_s == 180.0
