@@ -19,9 +19,10 @@ class AtEdge(NamedTuple):
     lon_deg: float
 
     def __str__(self) -> str:
-        clock = timedelta(seconds=round(self.at_s))
+        sign = "-" if round(self.at_s) < 0 else ""  # a corrected estimate may begin before 0 s
+        clock = timedelta(seconds=abs(round(self.at_s)))
         return (
-            f"the fire reached the edge of the landscape at {clock} (lat {self.lat_deg:.5f}, "
+            f"the fire reached the edge of the landscape at {sign}{clock} (lat {self.lat_deg:.5f}, "
             f"lon {self.lon_deg:.5f}); {BEYOND_EDGE}"
         )
 

@@ -188,7 +188,7 @@ class FireSection(Section):
     crown: CrownMethod = "none"
     foliar_moisture_pct: Annotated[float, Field(ge=0, le=400)] = 100.0
     spotting: bool = False
-    firebrands_per_ha: Annotated[float, Field(ge=0, le=1e5)] = FIREBRANDS_PER_HA
+    firebrands_per_ha: Annotated[float, Field(ge=0, le=1000)] = FIREBRANDS_PER_HA
     air_temperature_c: Annotated[float, Field(ge=-40, le=60)] = AIR_TEMPERATURE_C
     perimeter: Path | None = None
     perimeter_feature: Annotated[int, Field(ge=1)] | None = None

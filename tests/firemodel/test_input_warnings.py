@@ -14,7 +14,7 @@ from firemodel.input_warnings import FireInputs, input_warnings
 from firemodel.landscape.readers.weather_files import read_weather
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherSource, WeatherStream
-from firemodel.spread.edge import at_edge
+from firemodel.spread.edge import AtEdge, at_edge
 from tests.firemodel.grids import landscape, steady, weather
 
 HOUR_S = 3600.0
@@ -207,3 +207,7 @@ def test_burn_issues_python_warnings() -> None:
     assert texts[0].startswith("weather entry 0: dead_1h_pct = 0.06 %")
     assert texts[1].startswith("the fire reached the edge of the landscape at 0:")
     assert all(each.filename == __file__ for each in caught)
+
+
+def test_an_arrival_at_the_edge_before_0_s_is_stated_with_a_minus() -> None:
+    assert "landscape at -0:01:40 (lat" in str(AtEdge(-99.5, 46.0, 9.0))
