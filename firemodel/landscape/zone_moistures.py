@@ -24,6 +24,7 @@ from firemodel.physics.weather import DeadMoistures
 # 1986, INT-359).
 LAPSE_C_M, DEW_LAPSE_C_M = 3.5 / 1.8 / 304.8, 1.1 / 1.8 / 304.8
 MIN_HUMIDITY, MAX_HUMIDITY = 0.01, 0.99
+MAX_TEMPERATURE_C = 70.0  # as in weather files; sticks in air of more than 100 °C have no moisture
 LON_DEG_PER_H = 15.0
 
 
@@ -53,7 +54,7 @@ class AirRecords(NamedTuple):
 def zone_moistures(air: AirRecords, conditions: ZoneConditions) -> list[tuple[DeadMoistures, ...]]:
     """Return the dead moistures (fractions) in each zone of a landscape, for each record.
 
-    Raises FireModelError if the landscape has no elevation.
+    Raises FireModelError if the landscape has no elevation, or if the air of a zone is too hot.
     """
     landscape, station_m = conditions
     if landscape.elevation_m is None:
@@ -67,7 +68,15 @@ def zone_moistures(air: AirRecords, conditions: ZoneConditions) -> list[tuple[De
     sun_on = _sunlight(air, landscape, station_m)
     rows = [air.at_s, np.append(0.0, air.rain_mm[:-1]) / 10.0]  # rain since the previous record
     for zone in range(zones.cover.size):
-        rows += at_elevation(air, float(zones.elevation_m[zone]) - station_m)
+        zone_m = float(zones.elevation_m[zone])
+        temperature_c, humidity = at_elevation(air, zone_m - station_m)
+        if (hottest_c := float(temperature_c.max())) > MAX_TEMPERATURE_C:
+            raise FireModelError(
+                f"weather: with the station at {station_m:g} m the air at {zone_m:g} m has "
+                f"{hottest_c:.0f} °C, more than {MAX_TEMPERATURE_C:g} °C; correct the elevation of "
+                "the station"
+            )
+        rows += (temperature_c, humidity)
         rows.append(sun_on(zone))
     return list(_stick_moistures(np.array(rows).tobytes(), air.at_s.size, air.initial))
 

@@ -147,6 +147,8 @@ def test_weather_of_another_landscape_and_missing_inputs_are_refused(tmp_path: P
     level = landscape(2, shape=SHAPE)
     with pytest.raises(FireModelError, match="no elevation"):
         conditioned(station(tmp_path), replace(level, elevation_m=None))
+    with pytest.raises(FireModelError, match="correct the elevation of the station"):
+        conditioned(station(tmp_path), level, station_m=9000.0)
     path = tmp_path / "seconds.csv"
     names = "at_s,temperature_c,humidity_pct,wind_speed_m_s,wind_from_deg"
     path.write_text(f"{names}\n0,20,30,0,0\n3600,20,30,0,0\n")
