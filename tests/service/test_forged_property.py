@@ -14,7 +14,9 @@ CHANGES = ("start_s=3600", "deploy_at_s=3600")
 
 
 @pytest.mark.parametrize(("scenario", "seed"), [("default", 3), ("demo", 4)])
-def test_forged_frames_change_nothing_but_alarms(scenario: str, seed: int, tmp_path: Path) -> None:
+def test_forged_frames_change_nothing_but_alarms_and_link_quality(
+    scenario: str, seed: int, tmp_path: Path
+) -> None:
     flight = load_scenario(scenario, CHANGES)
     forged, different = compared(flight, tmp_path, 4000, 2, 3600 + 400, seed)
     assert forged.frames >= 4000
