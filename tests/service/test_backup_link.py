@@ -92,6 +92,7 @@ def states(run: Run) -> list[tuple[str, bool]]:
     return [(link["state"], link["in_use"]) for link in vehicle["links"]]
 
 
+@pytest.mark.long
 def test_links_are_cut_and_restored_in_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
