@@ -11,7 +11,7 @@ import numpy as np
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.weather_records import YEAR
 from firemodel.physics.fuels import NON_BURNABLE
-from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.physics.weather import DEAD_PCT, Weather, WeatherStream
 from firemodel.spread.edge import BEYOND_EDGE
 from firemodel.spread.fire_scheme import Ignition
 
@@ -22,7 +22,6 @@ MIN_LIVE_PCT = 5.0  # live fuel is moister; a moisture given as a fraction is at
 MIN_HUMIDITY_PCT = 1.0
 MAX_WIND_M_S = 60.0
 MAX_ZONES = timedelta(hours=26)  # largest difference between local times on Earth
-DEAD = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
 LIVE = ("live_herb_pct", "live_woody_pct")
 
 
@@ -71,7 +70,7 @@ def time_zero_warnings(weather: WeatherStream, time_zero: datetime | None) -> li
 
 
 def _moisture_as_fraction(inputs: FireInputs) -> Iterator[str]:
-    limits_pct = dict.fromkeys(DEAD, MIN_DEAD_PCT) | dict.fromkeys(LIVE, MIN_LIVE_PCT)
+    limits_pct = dict.fromkeys(DEAD_PCT, MIN_DEAD_PCT) | dict.fromkeys(LIVE, MIN_LIVE_PCT)
     found = [
         f"{place}: {name} = {value:g} %: probably a fraction; give percent ({100.0 * value:g})"
         for place, entry in _used(inputs)
@@ -87,14 +86,14 @@ def _no_dead_moisture(inputs: FireInputs) -> Iterator[str]:
         "the moisture in percent"
         for place, entry in _used(inputs)
         for name, value in _moistures_pct(entry)
-        if value == 0.0 and name.startswith(DEAD)
+        if value == 0.0 and name.startswith(DEAD_PCT)
     ]
     yield from _first(found, "value")
 
 
 def _moistures_pct(entry: Weather) -> Iterator[tuple[str, float]]:
     """Yield the name and the value of each moisture, including moistures of single fuels."""
-    names = (*DEAD, *LIVE)
+    names = (*DEAD_PCT, *LIVE)
     yield from ((name, getattr(entry, name)) for name in names)
     for code, moisture in entry.of_fuels:
         for name, value in zip(names, moisture.classes, strict=True):

@@ -1,5 +1,6 @@
 """A client and a mock autopilot, connected by two memory links in virtual time."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,16 +46,18 @@ def flight_of() -> tuple[MissionItem, ...]:
 
 
 class Noting(MemoryLink):
-    """A link that records all sent messages, including lost ones."""
+    """A link that records all sent messages, including lost ones, and can be cut."""
 
     def __init__(self, **more: Any) -> None:
         super().__init__(**more)
+        self.cut = False
         self.sent: list[Message] = []
         self._decoder = Codec(1, 1)
 
     def send(self, datagram: bytes, now_us: int) -> None:
         self.sent += self._decoder.decode(datagram)
-        super().send(datagram, now_us)
+        if not self.cut:
+            super().send(datagram, now_us)
 
     def asked_to_begin(self) -> list[Message]:
         command = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
@@ -66,8 +69,31 @@ class Noting(MemoryLink):
         ]
 
 
+class ReceivedEvents(ABC):
+    """The events that a client has reported so far, and the wait for the end of a transfer."""
+
+    events: list[ClientEvent]
+    now_us: int
+
+    @abstractmethod
+    def run_for(self, seconds: float) -> None: ...
+
+    def result_of(self, transfer_id: int, within_s: float = 300.0) -> TransferResult:
+        """Run until a transfer has ended; fail the test if it does not end in time."""
+        end_us = self.now_us + round(within_s * SECOND)
+        while self.now_us < end_us:
+            for event in self.events:
+                if isinstance(event, TransferFinished) and event.transfer_id == transfer_id:
+                    return event.result
+            self.run_for(0.05)
+        raise AssertionError(f"transfer {transfer_id} did not end within {within_s} s")
+
+    def of(self, kind: type) -> list[Any]:
+        return [event for event in self.events if isinstance(event, kind)]
+
+
 @dataclass
-class Pair:
+class Pair(ReceivedEvents):
     """A client and a mock; ``drop`` decides for each frame whether it is lost."""
 
     mock: MockAutopilot
@@ -112,16 +138,3 @@ class Pair:
 
     def run_for(self, seconds: float) -> None:
         self.run(self.now_us + round(seconds * SECOND))
-
-    def result_of(self, transfer_id: int, within_s: float = 300.0) -> TransferResult:
-        """Run until a transfer has ended; fail the test if it does not end in time."""
-        end_us = self.now_us + round(within_s * SECOND)
-        while self.now_us < end_us:
-            for event in self.events:
-                if isinstance(event, TransferFinished) and event.transfer_id == transfer_id:
-                    return event.result
-            self.run_for(0.05)
-        raise AssertionError(f"transfer {transfer_id} did not end within {within_s} s")
-
-    def of(self, kind: type) -> list[Any]:
-        return [event for event in self.events if isinstance(event, kind)]

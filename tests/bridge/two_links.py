@@ -6,50 +6,35 @@ from typing import Any
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import SharedLink
-from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.framing import frames_of, message_id_of
-from autopilot_bridge.links.memory_link import MemoryLink
-from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
     LinkLost,
     LinksChanged,
-    TransferFinished,
 )
-from tests.bridge.helpers import SECOND
+from tests.bridge.helpers import SECOND, Noting, ReceivedEvents
 
 RADIO, LTE = 0, 1
 NAMES = ("radio", "lte")
 
 
-class Line(MemoryLink):
-    """One direction of a link, which can be cut."""
-
-    def __init__(self, **more: Any) -> None:
-        super().__init__(**more)
-        self.cut = False
-        self.sent: list[Message] = []
-        self._decoder = Codec(1, 1)
-
-    def send(self, datagram: bytes, now_us: int) -> None:
-        self.sent += self._decoder.decode(datagram)
-        if not self.cut:
-            super().send(datagram, now_us)
-
-
-def lines(seed: int, loss: float = 0.0, delay_us: int = 20_000, **more: Any) -> tuple[Line, Line]:
+def lines(
+    seed: int, loss: float = 0.0, delay_us: int = 20_000, **more: Any
+) -> tuple[Noting, Noting]:
     """Return both directions of a link, with the loss of each direction."""
-    up, down = (Line(loss=loss, delay_us=delay_us, seed=seed + number, **more) for number in (0, 1))
+    up, down = (
+        Noting(loss=loss, delay_us=delay_us, seed=seed + number, **more) for number in (0, 1)
+    )
     return up, down
 
 
 @dataclass
-class TwoLinks:
+class TwoLinks(ReceivedEvents):
     """A vehicle over one or two links; ``lines`` are the directions (up, down) of each link."""
 
     mock: MockAutopilot
-    lines: list[tuple[Line, Line]]
+    lines: list[tuple[Noting, Noting]]
     routed: bool = False  # a router sends all frames of the first channel over all links
     now_us: int = 500_000 * SECOND
     events: list[ClientEvent] = field(default_factory=list)
@@ -101,18 +86,6 @@ class TwoLinks:
         for link, _, datagram in self.link.addressed_to_send():
             self.lines[link][0].send(datagram, now_us)
         self.client.validate_state()
-
-    def result_of(self, transfer_id: int, within_s: float = 300.0) -> TransferResult:
-        end_us = self.now_us + round(within_s * SECOND)
-        while self.now_us < end_us:
-            for event in self.events:
-                if isinstance(event, TransferFinished) and event.transfer_id == transfer_id:
-                    return event.result
-            self.run_for(0.05)
-        raise AssertionError(f"transfer {transfer_id} did not end within {within_s} s")
-
-    def of(self, kind: type) -> list[Any]:
-        return [event for event in self.events if isinstance(event, kind)]
 
     @property
     def in_use(self) -> str:

@@ -26,12 +26,10 @@ WTR = (
     "temperature, maximum and minimum humidity, elevation, and optionally begin and end of rain"
 )
 WND = "month, day, hour, wind speed, wind direction, cloud cover"
+SKY = ("wind_from_deg", "cloud_pct")  # the same in both units
 COLUMNS = {
-    unit: (*names, "wind_from_deg", "cloud_pct")
-    for unit, names in {
-        "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph"),
-        "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh"),
-    }.items()
+    "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph", *SKY),
+    "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh", *SKY),
 }
 RAIN_IN = {"ENGLISH": 0.01, "METRIC": 1.0}  # unit of rain: 1/100 inch, or mm
 HOUR = timedelta(hours=1)

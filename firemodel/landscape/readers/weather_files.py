@@ -14,6 +14,7 @@ from firemodel.landscape.readers.weather_records import Rows, records_in, time_i
 from firemodel.physics.moisture import dead_moistures_pct
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
 from firemodel.physics.weather import (
+    DEAD_PCT,
     DeadMoistures,
     Weather,
     WeatherSource,
@@ -41,8 +42,7 @@ class Column:
     offset: float = 0.0
 
 
-DEAD = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
-MOISTURES = (*DEAD, "live_herb_pct", "live_woody_pct")
+MOISTURES = (*DEAD_PCT, "live_herb_pct", "live_woody_pct")
 SPEEDS_M_S = {"m_s": 1.0, "mph": M_S_PER_MPH, "kmh": 1.0 / 3.6}
 TIMES = ("at_s", "time")
 COLUMNS = (
@@ -300,7 +300,7 @@ def _check_moistures(
         )
     if not conditioned:
         return
-    for name in DEAD:
+    for name in DEAD_PCT:
         if name in values:
             raise FireModelError(
                 f"{path}: has a column {name}, so dead moistures cannot be conditioned; "
