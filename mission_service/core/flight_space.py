@@ -21,6 +21,7 @@ from mission_service.airspace.occupied_space import (
 )
 from mission_service.airspace.operational_intent import IntendedPart, Purpose
 from mission_service.commands import ClimbAndHold, HoldAt, Orbit
+from mission_service.config.sections import VehicleSection
 from mission_service.missions.landing import APPROACH_HEIGHTS_M, glide_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState
@@ -88,11 +89,7 @@ class FlightSpace:
     def of_hold(self, vehicle: Vehicle, position: Position) -> Part:
         """Return the space of a hold that begins at a position."""
         section = vehicle.section
-        reach_m = (
-            2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m
-            if section.winged
-            else COPTER_REACH_M
-        )
+        reach_m = _hold_reach_m(section)
         return disc(position[0], position[1], reach_m, position[2], position[2])
 
     def of_return(self, vehicle: Vehicle, fix: PositionFix) -> list[Part]:
@@ -122,10 +119,9 @@ class FlightSpace:
         else:
             return []
         section = vehicle.section
-        hold_m = COPTER_REACH_M
+        hold_m = _hold_reach_m(section)
         landing_m, turn_m = COPTER_REACH_M, 0.0
         if section.winged:
-            hold_m = 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m
             landing_m = glide_m(APPROACH_HEIGHTS_M[-1]) + hold_m
             turn_m = 2.0 * section.turn_radius_m
         field = disc(*vehicle.home_m, landing_m, home_amsl_m, home_amsl_m)
@@ -164,6 +160,13 @@ class FlightSpace:
 
     def _home_altitude_m(self, vehicle: Vehicle) -> float:
         return float(self._landscape.elevation_at(*vehicle.home_m))
+
+
+def _hold_reach_m(section: VehicleSection) -> float:
+    """Return how far from its place a vehicle may be in a hold."""
+    if not section.winged:
+        return COPTER_REACH_M
+    return 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m
 
 
 def _purpose(vehicle: Vehicle, part: Part) -> Purpose:

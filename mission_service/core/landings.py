@@ -316,8 +316,9 @@ class Landings:
             assert mission is not None
             near = away_m <= mission.final_m and height_m <= mission.height_m + FINAL_BELOW_M
             low = height_m < mission.height_m - LOW_M
-            in_descent = low if vehicle.section.kind == "vtol" else state.seq >= mission.final_seq
-            final = near and (in_descent or low)
+            # A VTOL begins the item of its landing at the height of the approach.
+            begun = vehicle.section.kind != "vtol" and state.seq >= mission.final_seq
+            final = near and (begun or low)
         return self._enter(vehicle, LandingPhase.FINAL, fix.at_s) if final else []
 
     def _final(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
