@@ -77,8 +77,10 @@ def dask_client(scheduler: str, command: str) -> Iterator[Any]:
                 f"{command}: {scheduler}: no certificates; set distributed.comm.tls in Dask's "
                 "configuration"
             )
-    # Errors that the client logs are also raised as exceptions.
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    # Errors that the client and its connection log are also raised as exceptions. Dask gives the
+    # client a level of its own.
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     client_of: Any = distributed.Client
     try:
         client = client_of(scheduler, timeout=SECONDS_TO_CONNECT, set_as_default=False)
