@@ -170,9 +170,37 @@ def _radius_m(item: MissionItem) -> float:
     return abs(item.param2) if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT else 0.0
 
 
-def mission_parts(places: Sequence[MissionPlace], start: Sequence[Position] = ()) -> list[Part]:
-    """Return the space of a mission that is entered along the positions ``start``."""
-    parts = path_parts([*start, *(place.position for place in places)])
+def corner_parts(points: Sequence[Position], turn_radius_m: float) -> list[Part]:
+    """Return the space beside the legs of a path where a plane turns after each corner.
+
+    The plane flies over the corner, turns with ``turn_radius_m``, and flies straight to the next
+    point; on its turn it may have any altitude between the corner and the next point. A vehicle
+    with a radius of 0 turns on the spot.
+    """
+    if turn_radius_m <= 0.0:
+        return []
+    parts = []
+    for before, corner, after in zip(points, points[1:], points[2:], strict=False):
+        leg = (corner[0] - before[0], corner[1] - before[1])
+        low_m, high_m = sorted((corner[2], after[2]))
+        for turn in turns_towards(corner[:2], leg, after[:2], turn_radius_m):
+            if len(turn) > 1:
+                parts.append(Part(shapely.LineString([*turn, after[:2]]), low_m, high_m))
+    return parts
+
+
+def mission_parts(
+    places: Sequence[MissionPlace], start: Sequence[Position] = (), turn_radius_m: float = 0.0
+) -> list[Part]:
+    """Return the space of a mission that is entered along the positions ``start``.
+
+    Args:
+        places: The positions of the mission.
+        start: Positions before the first one.
+        turn_radius_m: Radius of turns at the corners (``corner_parts``).
+    """
+    points = [*start, *(place.position for place in places)]
+    parts = [*path_parts(points), *corner_parts(points, turn_radius_m)]
     for (x_m, y_m, altitude_m), radius_m, _ in places:
         if radius_m > 0.0:
             parts.append(disc(x_m, y_m, LOITER_RADIUS_FACTOR * radius_m, altitude_m, altitude_m))

@@ -7,9 +7,10 @@ import msgspec
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.ops import substring
 
-from autopilot_bridge.items import Items
+from autopilot_bridge.items import Items, has_position
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
@@ -64,11 +65,13 @@ class Evasions:
         blocked = blocked_area(around or near, margin_m)
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
-            items, places = self._straight_off(vehicle, path, fix)
-            if self._enters_another(places, fix, airspace):
-                continue
-            state.evasion = Evasion.EXIT
-            return self._upload(vehicle, path, items, places, fix, "leave closed airspace", state)
+            items, planned = self._straight_off(vehicle, path, fix)
+            # A descent could lead from above a volume into it.
+            for way in (_without_descent(items, fix.altitude_m), items):
+                places = planned if way is items else self._space.route(vehicle, way)
+                if not self._enters_another(places, fix, airspace):
+                    state.evasion, why = Evasion.EXIT, "leave closed airspace"
+                    return self._upload(vehicle, path, way, places, fix, why, state)
         return None
 
     def way_home(
@@ -245,3 +248,17 @@ class Evasions:
             if airspace.conflict(parts, self._landscape, start) is None:
                 return msgspec.structs.replace(command, items=items), cut_places
         return None
+
+
+def _without_descent(items: Items, altitude_m: float) -> Items:
+    """Return the items of a mission, those below an altitude (above mean sea level) raised to it.
+
+    Items without a position above mean sea level stay as they are.
+    """
+    frames = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
+    return tuple(
+        replace(item, z=max(item.z, altitude_m))
+        if item.frame in frames and has_position(item.command)
+        else item
+        for item in items
+    )

@@ -21,6 +21,7 @@ from mission_service.airspace.clearance import Airspace
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
     MissionPlace,
+    mission_parts,
     straight,
 )
 from mission_service.airspace.operational_intent import IntendedPart
@@ -108,8 +109,10 @@ class AirspaceGuard:
 
     def end_evasion(self, name: str) -> None:
         """End the evasion of a vehicle, because an order for it is executed."""
-        self._states[name].evasion = Evasion.NONE
-        self._states[name].checked = ()
+        state = self._states[name]
+        if state.evasion not in (Evasion.EXIT, Evasion.AROUND):  # no mission is on its way
+            state.acts_again_at_s = -math.inf
+        state.evasion, state.checked = Evasion.NONE, ()
 
     def _announced(self, words: str) -> list[AnyCommand]:
         first = next(iter(self._vehicles.values()), None)
@@ -183,9 +186,14 @@ class AirspaceGuard:
     ) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
         state = self._states[vehicle.name]
-        if not state.on_board or state.on_board_id == state.evasion_id != 0:
+        if not state.on_board:
             return [command]
-        conflict = self._conflict(vehicle, state.on_board, airspace)
+        if state.on_board_id == state.evasion_id != 0:  # its way leads out; its end must be free
+            end = mission_parts(state.on_board)[-1:]
+            conflict = airspace.conflict(end, self._landscape)
+            state.acts_again_at_s = state.acts_again_at_s if conflict is None else at_s
+        else:
+            conflict = self._conflict(vehicle, state.on_board, airspace)
         state.withheld = conflict is not None
         if conflict is None:
             return [command]

@@ -12,6 +12,7 @@ from mission_service.airspace.occupied_space import (
     MissionPlace,
     Part,
     Position,
+    corner_parts,
     disc,
     held_turn,
     mission_parts,
@@ -51,14 +52,18 @@ class FlightSpace:
 
     def of_mission(self, vehicle: Vehicle, places: Sequence[MissionPlace]) -> list[Part]:
         """Return the space of a mission that would begin now."""
-        fix, parts = vehicle.availability.fix, mission_parts(places)
+        radius_m = turn_radius_m(vehicle)
+        fix, parts = vehicle.availability.fix, mission_parts(places, (), radius_m)
         if fix is None or not vehicle.availability.airborne or not places:
             return parts
         here = (fix.x_m, fix.y_m)
-        away = (place for place in places if math.dist(place.position[:2], here) > 1.0)
-        first = next(away, places[-1])
-        for entry in self._entries(vehicle, fix, first.position[:2]):
-            parts += path_parts([*entry, first.position])
+        positions = [place.position for place in places]
+        away = [each for each in positions if math.dist(each[:2], here) > 1.0] or positions[-1:]
+        # A first position where the vehicle is now is behind it when the mission begins.
+        for first, *then in (positions, away):
+            for entry in self._entries(vehicle, fix, first[:2]):
+                parts += path_parts([*entry, first])
+                parts += corner_parts([entry[-1], first, *then[:1]], radius_m)
         return parts
 
     def of_flight(self, vehicle: Vehicle, fix: PositionFix, state: AirspaceState) -> list[Part]:
@@ -68,7 +73,9 @@ class FlightSpace:
             if not state.on_board:
                 return []
             left = [place for place in state.on_board if place.seq >= vehicle.current_seq]
-            return mission_parts(left or state.on_board[-1:], [position_of(fix)])
+            return mission_parts(
+                left or state.on_board[-1:], [position_of(fix)], turn_radius_m(vehicle)
+            )
         if mode in GOING_HOME:
             return self.of_return(vehicle, fix)
         if mode in ("guided", "orbit") and state.orbit is not None:
@@ -93,12 +100,19 @@ class FlightSpace:
         return disc(position[0], position[1], reach_m, position[2], position[2])
 
     def of_return(self, vehicle: Vehicle, fix: PositionFix) -> list[Part]:
-        """Return the space of the autopilot's return: straight home, at any altitude it may use."""
+        """Return the space of the autopilot's return, at any altitude that it may use.
+
+        It leads straight home. A plane then circles above home.
+        """
         home_altitude_m = self._home_altitude_m(vehicle)
         high_m = max(fix.altitude_m, home_altitude_m + RETURN_ABOVE_M)
         home = (*vehicle.home_m, home_altitude_m)
         routes = [[*entry, home] for entry in self._entries(vehicle, fix, vehicle.home_m)]
         parts = [part for route in routes for part in path_parts(route)]
+        section = vehicle.section
+        if section.winged:
+            reach_m = LOITER_RADIUS_FACTOR * section.loiter_radius_m
+            parts.append(disc(*vehicle.home_m, reach_m, home_altitude_m, high_m))
         return [Part(part.shape, home_altitude_m, high_m) for part in parts]
 
     def of_intent(self, vehicle: Vehicle, state: AirspaceState) -> list[IntendedPart]:
@@ -115,7 +129,7 @@ class FlightSpace:
             parts = self.of_flight(vehicle, fix, state) or [self.of_hold(vehicle, position_of(fix))]
             way_home = self.of_return(vehicle, fix)
         elif vehicle.flown_line is not None and vehicle.accepted and vehicle.accepted.takes_off:
-            parts, way_home = mission_parts(state.on_board, [home]), []
+            parts, way_home = mission_parts(state.on_board, [home], turn_radius_m(vehicle)), []
         else:
             return []
         section = vehicle.section
@@ -145,9 +159,7 @@ class FlightSpace:
             return [[position_of(fix)]]
         here, height_m = (fix.x_m, fix.y_m), fix.altitude_m
         velocity_m_s = (fix.east_m_s, fix.north_m_s)
-        wind = vehicle.availability.measured_wind
-        radius_factor = 1.0 + (0.0 if wind is None else wind.speed_m_s / section.airspeed_m_s)
-        radius_m = section.turn_radius_m * radius_factor**2
+        radius_m = turn_radius_m(vehicle)
         ahead_m = (velocity_m_s[0] * STARTS_WITHIN_S, velocity_m_s[1] * STARTS_WITHIN_S)
         begun = [([here, (here[0] + ahead_m[0], here[1] + ahead_m[1])], velocity_m_s)]
         if not vehicle.atomic_upload and vehicle.availability.mode == MISSION:
@@ -160,6 +172,15 @@ class FlightSpace:
 
     def _home_altitude_m(self, vehicle: Vehicle) -> float:
         return float(self._landscape.elevation_at(*vehicle.home_m))
+
+
+def turn_radius_m(vehicle: Vehicle) -> float:
+    """Return the radius of a vehicle's turns over ground in the measured wind; 0 for a copter."""
+    section, wind = vehicle.section, vehicle.availability.measured_wind
+    if not section.winged:
+        return 0.0
+    factor = 1.0 + (0.0 if wind is None else wind.speed_m_s / section.airspeed_m_s)
+    return float(section.turn_radius_m * factor**2)
 
 
 def _hold_reach_m(section: VehicleSection) -> float:

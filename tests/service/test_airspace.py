@@ -12,8 +12,10 @@ from click.testing import CliRunner
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, Margins
 from mission_service.airspace.occupied_space import (
+    LOITER_RADIUS_FACTOR,
     MissionPlace,
     Part,
+    corner_parts,
     disc,
     held_turn,
     straight,
@@ -364,6 +366,40 @@ def here(flight: object) -> tuple[float, float]:
     return fix.lat_deg, fix.lon_deg
 
 
+@pytest.mark.parametrize("turn_deg", [60.0, -60.0, 180.0])
+def test_a_plane_needs_space_beside_a_sharp_corner(turn_deg: float) -> None:
+    """The path leads north, and at the origin turns by an angle."""
+    turn_rad = math.radians(turn_deg)
+    after = (900.0 * math.sin(turn_rad), 900.0 * math.cos(turn_rad), 150.0)
+    path = [(0.0, -500.0, 100.0), (0.0, 0.0, 120.0), after]
+    parts = corner_parts(path, 80.0)
+    assert len(parts) == (2 if turn_deg == 180.0 else 1)
+    ahead = shapely.box(-200.0, 15.0, 200.0, 400.0) if turn_deg == 180.0 else None
+    for part in parts:
+        assert (part.lowest_m, part.highest_m) == (120.0, 150.0)
+        assert part.shape.distance(shapely.Point(0.0, 0.0)) == 0.0
+        assert part.shape.distance(shapely.Point(after[:2])) == 0.0
+        assert ahead is None or part.shape.intersects(ahead), "no overshoot"
+    assert corner_parts(path, 0.0) == []
+    assert corner_parts([path[0], path[1], (10.0, 900.0, 120.0)], 80.0) == []  # almost straight
+
+
+@pytest.mark.parametrize(("kind", "circles"), [("plane", True), ("copter", False)])
+def test_the_return_of_a_plane_ends_in_a_circle_above_home(kind: str, circles: bool) -> None:
+    scenario = load_scenario("demo", (f'vehicles.0.kind="{kind}"',))
+    core = Core(scenario, landscape_of(scenario))
+    vehicle = core.vehicles["hawk"]
+    core.handle(VehicleConnected(0, "hawk", kind, True))
+    lat_deg, lon_deg = core.landscape.lat_lon_of(vehicle.home_m[0] + 800.0, vehicle.home_m[1])
+    core.handle(Telemetry(1, "hawk", float(lat_deg), float(lon_deg), 500.0, 150.0, 0.0, -15.0, 0.0))
+    fix = vehicle.availability.fix
+    assert fix is not None
+    parts = FlightSpace(core.landscape).of_return(vehicle, fix)
+    reach_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m
+    beyond_home = shapely.Point(vehicle.home_m[0] - 0.9 * reach_m, vehicle.home_m[1])
+    assert any(part.shape.intersects(beyond_home) for part in parts) == circles
+
+
 def test_a_hold_for_an_upload_turns_to_the_right() -> None:
     points, velocity_m_s = held_turn((0.0, 0.0), (0.0, 20.0), 60.0, 3.0)
     assert points[0] == (0.0, 0.0)
@@ -424,6 +460,21 @@ def test_a_vehicle_leaves_without_turning_back_or_climbing_on_the_spot(fly: Fly,
         (first.y / 1e7 - centre[1]) * 111_200.0 * math.cos(math.radians(centre[0])),
     )
     assert away_m > 250.0
+
+
+def test_a_vehicle_at_the_ceiling_leaves_without_a_descent() -> None:
+    """It flies 200 m higher than its mission would."""
+    core = Core(load_scenario("demo"), landscape_of(load_scenario("demo")))
+    place, high_m = (36.3708, -84.1323), 700.0
+    core.handle(VehicleConnected(0, "hawk", "plane", True))
+    core.handle(ModeChanged(1, "hawk", 0, True, "mission"))
+    core.handle(Telemetry(250_000, "hawk", *place, high_m, 350.0, 15.0, 0.0, 0.0))
+    corners = square(place, 250.0)
+    core.handle(AirspaceClosed(300_000, *ANN, "below", corners, ceiling_amsl_m=high_m + 3.0))
+    commands = core.handle(Telemetry(500_000, "hawk", *place, high_m, 350.0, 15.0, 0.0, 0.0))
+    (leaves,) = [each for each in commands if isinstance(each, UploadMission)]
+    assert leaves.why == "leave closed airspace"
+    assert {item.z for item in leaves.items if item.command in (16, 17)} == {high_m}
 
 
 def test_the_command_to_leave_follows_within_two_seconds(fly: Fly) -> None:

@@ -134,13 +134,22 @@ def test_a_world_is_the_same_each_time() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [*range(12), 341, 360, 20010, 20019, 21015, 21024, 31015])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        *(*range(12), 341, 360, 20010, 20019, 21015, 21024, 30053, 30139, 31015),
+        *(40115, 40149, 40403, 40583, 40772),
+    ],
+)
 def test_a_random_world_has_no_violation(seed: int) -> None:
     """In 341 and 360, vehicles are sent home from inside a volume that is closed over home.
 
     In 20010 and 20019 a vehicle descends because of another aircraft beside closed airspace, in
     21015 a plane holds over rising ground, and in 21024 a plane holds for an upload,
-    and in 31015 a volume closes over the end of a way out.
+    and in 31015 a volume closes over the end of a way out. In 30053 the circle above home is in a
+    closed volume, in 30139 and 40115 a vehicle leaves at the limit of the vertical margin, in 40149
+    and 40403 a plane turns at a corner beside a volume, in 40583 at a first position behind it, and
+    in 40772 a person orders a hold beside a volume.
     """
     assert fly(seed)[1] == []
 
