@@ -10,8 +10,8 @@ A violation is
 - a vehicle that enters a closed volume, if it was far away when the volume closed,
 - a vehicle in a closed volume that gets no command for ``REACTS_S``,
 - a vehicle that stays in a closed volume longer than the flight to a free place outside takes,
-- a vehicle that comes lower than ``MIN_HEIGHT_M`` above the ground in its mission or in a hold, later
-  than ``REACTS_S`` after the service got control of it.
+- a vehicle that comes lower than ``MIN_HEIGHT_M`` above the ground in its mission or in a hold,
+  later than ``REACTS_S`` after the service got control of it.
 
 The last four concern only vehicles that the service can lead (lines ``Led`` of light worlds).
 """
