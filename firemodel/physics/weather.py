@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.physics.rothermel import M_PER_FT, Moisture
+from firemodel.physics.wind_field import WindField
 
 WIND_10M_OVER_20FT = 1.15
 Numbers = float | NDArray[np.floating]
+NOT_NUMBERS = ("of_fuels", "of_zones", "wind_field")
 DEAD_PCT = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
 DeadMoistures = tuple[float, float, float]  # of 1-h, 10-h and 100-h fuel, as fractions
 
@@ -29,6 +31,8 @@ class Weather:
     percent of the oven-dry weight. ``of_fuels`` contains pairs of a fuel code and its moistures
     (fractions), for fuels with moistures of their own. ``of_zones`` contains the dead moistures in
     each zone of a landscape (``moisture_zones``), or nothing if they are the same everywhere.
+    With ``wind_field``, wind speed and direction are those of the whole landscape, and the local
+    wind is relative to them.
     """
 
     at_s: float
@@ -41,6 +45,7 @@ class Weather:
     live_woody_pct: float
     of_fuels: tuple[tuple[int, Moisture], ...] = field(default=(), kw_only=True)
     of_zones: tuple[DeadMoistures, ...] = field(default=(), kw_only=True)
+    wind_field: WindField | None = field(default=None, kw_only=True)
 
     def moisture_of(self, code: int, zone: int = 0) -> Moisture:
         """Return the moistures of a fuel in a zone as fractions.
@@ -164,7 +169,7 @@ class WeatherStream:
 
 
 def _check(number: int, entry: Weather) -> None:
-    for name in (each.name for each in fields(entry) if each.name not in ("of_fuels", "of_zones")):
+    for name in (each.name for each in fields(entry) if each.name not in NOT_NUMBERS):
         value = getattr(entry, name)
         if not math.isfinite(value):
             raise FireModelError(f"weather entry {number}: {name} = {value} is not a number")

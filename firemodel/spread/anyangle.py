@@ -88,6 +88,7 @@ from firemodel.spread.travel_time import (
     ground_of,
     with_rate_factor,
     with_tables,
+    with_weather_of,
 )
 
 SOME_POINTS = 10_000
@@ -187,7 +188,7 @@ class AnyAngleFire(Fire):
         found, entry = self.copy(), bisect.bisect_right(model._changes_s, self.time_s)
         tables = perturbed(model._ground.tables, entry, wind_factor, turn_deg, spread_factor)
         found.weather, found._entry = model.weather, entry
-        found._ground = found._ground._replace(tables=tables)
+        found._ground = with_weather_of(found._ground, model._ground, tables)
         found._changes_s = model._changes_s.copy()
         found._changes_s.insert(entry, self.time_s)
         found.advance(self.time_s)

@@ -18,7 +18,7 @@ from firemodel.compiled import kernel
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics import spotting
 from firemodel.physics.weather import Weather
-from firemodel.spread.local_spread import HEAT, Tables, Terrain, crowned_head
+from firemodel.spread.local_spread import HEAT, Tables, Terrain, crowned_head, wind_at
 
 STEP_S = 60.0  # firebrands are emitted at whole minutes
 MIN_FLIGHT_M = 50.0  # the front reaches nearer places as soon (Perryman et al. 2013)
@@ -59,21 +59,19 @@ class Firebrands:
         begin_s = max(span_s[0], self.from_s)
         cells = np.nonzero(((arrival_s > begin_s) & (arrival_s <= span_s[1])).ravel())[0]
         found: list[tuple[int, int, float]] = []
-        wind_m_s = float(tables.wind[entry, 0])
-        if wind_m_s <= 0.0 or landscape.canopy_height_m is None:
+        if landscape.canopy_height_m is None:
             return found
         height_m = landscape.canopy_height_m.ravel()
         for cell in cells.tolist():
-            fraction, *flight = _flight(cell, entry, float(height_m[cell]), terrain, tables)
+            wind = wind_at(cell, entry, terrain, tables)
+            fraction, *flight = _flight(cell, entry, float(height_m[cell]), wind, terrain, tables)
             if fraction > 0.0:
                 rng = np.random.default_rng((*np.atleast_1d(self.seed).tolist(), cell))
                 for row, col, distance_m in self._landings(
-                    landscape, cell, fraction, flight, tables.wind[entry], rng
+                    landscape, cell, fraction, flight, wind, rng
                 ):
                     if self._ignites(landscape, weather, arrival_s, (row, col), rng):
-                        at_s = max(
-                            float(arrival_s.ravel()[cell]) + distance_m / wind_m_s, span_s[1]
-                        )
+                        at_s = max(float(arrival_s.ravel()[cell]) + distance_m / wind[0], span_s[1])
                         found.append((row, col, at_s))
         return found
 
@@ -83,7 +81,7 @@ class Firebrands:
         cell: int,
         fraction: float,
         flight: list[float],
-        wind: Floats,
+        wind: tuple[float, float, float],
         rng: np.random.Generator,
     ) -> list[tuple[int, int, float]]:
         """Return row, column and distance of the firebrands of a cell that land on the grid."""
@@ -129,17 +127,19 @@ class Firebrands:
 
 
 @kernel
-def _flight(cell, entry, canopy_m, terrain: Any, tables: Any):  # type: ignore[no-untyped-def]
+def _flight(cell, entry, canopy_m, wind, terrain: Any, tables: Any):  # type: ignore[no-untyped-def]
     """Return the crown fraction burned of a cell, and μ, σ and maximum of its firebrands' flights.
 
-    The intensity is that of the head.
+    The intensity is that of the head. Without wind, firebrands do not fly.
     """
+    wind_m_s, _, _ = wind
+    if wind_m_s <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0
     rate, _, _, _, fraction = crowned_head(cell, entry, terrain, tables)
     if fraction <= 0.0 or canopy_m <= 0.1:
         return 0.0, 0.0, 0.0, 0.0
     heat = tables.terms[entry, terrain.fuel[cell], HEAT]
     intensity_kw_m = rate * (heat + fraction * terrain.canopy.heat_kj_m2[cell])
-    wind_m_s = tables.wind[entry, 0]
     mu, sigma = spotting.firebrand_flights(
         intensity_kw_m, spotting.canopy_wind_m_s(canopy_m, wind_m_s)
     )

@@ -20,6 +20,7 @@ from firemodel.physics import rothermel
 from firemodel.physics.crown_fire import METHODS, NO_CROWNS, SCOTT_REINHARDT
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, fireline_intensity_kw_m, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
+from firemodel.physics.wind_field import MAX_SHARED, WindGrids
 from firemodel.spread.crown_spread import (
     NO_CANOPY,
     Canopy,
@@ -34,6 +35,8 @@ from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 HEAT, CROWN = 6, 7  # places in ``Tables.terms``
 NO_FACTOR = np.ones(1, dtype=np.float32)
 ONE_FUEL = np.zeros(1, dtype=np.int64)
+NO_GRIDS = np.empty((0, 2, 1), dtype=np.float32)
+GRID = 3  # place in ``Tables.wind`` of the first grid
 MAX_FACTOR = 1e6  # limit of factors of wind and spread rates
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
@@ -48,6 +51,7 @@ class Terrain(NamedTuple):
     midflame: NDArray[np.float32]  # (n) midflame wind over wind 20 ft above the vegetation
     rate_factor: NDArray[np.float32]  # (n) factor of the spread rate; (1) if it is 1 everywhere
     canopy: Canopy  # arrays (n); (1) without crown fire
+    wind_grids: NDArray[np.float32] = NO_GRIDS  # (grids, 2, n) of the entries' wind fields
 
 
 class Tables(NamedTuple):
@@ -56,7 +60,10 @@ class Tables(NamedTuple):
     # (entries, fuel beds, 8): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ, intensity
     # (kW/m) at a rate of 1 m/s, the crown's factor (``crown_factor``)
     terms: Floats
-    wind: Floats  # (entries, 3): m/s at 20 ft, unit vector toward which it blows (grid north, east)
+    # (entries, 3): m/s at 20 ft, unit vector toward which it blows (grid north, east). With grids
+    # (entries, 9): then, for each of two grids, number and complex factor; the first number is -1
+    # if the wind of the entry is the same everywhere.
+    wind: Floats
     crown_method: int = NO_CROWNS
     fuel_of_bed: NDArray[np.int64] = ONE_FUEL  # (fuel beds) index of the fuel in ``burnable_codes``
 
@@ -109,7 +116,8 @@ def terrain_of(
     if options.crown != "none":
         canopy = canopy_of(landscape, options.foliar_moisture_pct)
     beds = fuel_beds(landscape, entries).of_cell
-    return Terrain(beds, landscape.gradient.reshape(2, -1), midflame, NO_FACTOR, canopy)
+    grids = _grids_of(landscape, entries)[0]
+    return Terrain(beds, landscape.gradient.reshape(2, -1), midflame, NO_FACTOR, canopy, grids)
 
 
 def window_of(terrain: Terrain, shape: tuple[int, int], here: tuple[slice, slice]) -> Terrain:
@@ -124,7 +132,43 @@ def window_of(terrain: Terrain, shape: tuple[int, int], here: tuple[slice, slice
         cut(terrain.midflame),
         cut(terrain.rate_factor),
         Canopy(*map(cut, terrain.canopy)),
+        _window_of_grids(terrain.wind_grids, shape, here),
     )
+
+
+def _window_of_grids(
+    grids: NDArray[np.float32], shape: tuple[int, int], here: tuple[slice, slice]
+) -> NDArray[np.float32]:
+    if not len(grids):
+        return grids
+    cut = grids.reshape(len(grids), 2, *shape)[:, :, *here]
+    return np.ascontiguousarray(cut).reshape(len(grids), 2, -1)
+
+
+def _grids_of(
+    landscape: Landscape, entries: Sequence[Weather]
+) -> tuple[NDArray[np.float32], dict[int, int]]:
+    """Return the grids of all wind fields (grids, 2, n), and the place of each ``WindGrids``.
+
+    The key of a place is the identity of the object. Grids are copied only if there are several
+    objects.
+
+    Raises FireModelError for a field of another landscape.
+    """
+    found: dict[int, WindGrids] = {}
+    for entry in entries:
+        if entry.wind_field is not None:
+            found[id(entry.wind_field.grids)] = entry.wind_field.grids
+            if entry.wind_field.shape != landscape.shape:
+                raise FireModelError(
+                    f"weather: has a wind field of {entry.wind_field.shape} cells, the landscape "
+                    f"has {landscape.shape}; read the wind with this landscape"
+                )
+    if len(found) <= 1:
+        return next((each.cells for each in found.values()), NO_GRIDS), dict.fromkeys(found, 0)
+    counts = [len(each.cells) for each in found.values()]
+    places = dict(zip(found, np.cumsum([0, *counts]).tolist(), strict=False))
+    return np.concatenate([each.cells for each in found.values()]), places
 
 
 def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
@@ -161,10 +205,8 @@ def tables_of(
     """
     codes, beds = burnable_codes(landscape), fuel_beds(landscape, entries)
     terms = np.empty((len(entries), beds.fuel.size, 8))
-    wind = np.empty((len(entries), 3))
+    wind = _winds(landscape, entries)
     for number, entry in enumerate(entries):
-        toward = math.radians(landscape.grid_deg(entry.wind_from_deg + 180.0))
-        wind[number] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
         zones = range(max(len(entry.of_zones), 1))
         crowns = np.array([crown_factor(options.crown, entry, zone) for zone in zones])
         terms[number, :, CROWN] = crowns[beds.zone]
@@ -181,6 +223,21 @@ def tables_of(
                 fireline_intensity_kw_m(bed, 1.0),
             )
     return Tables(terms, wind, METHODS[options.crown], beds.fuel)
+
+
+def _winds(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
+    """Return ``Tables.wind``."""
+    _, places = _grids_of(landscape, entries)
+    found = np.zeros((len(entries), GRID + 3 * MAX_SHARED if places else GRID))
+    found[:, GRID:] = -1.0
+    for number, entry in enumerate(entries):
+        toward = math.radians(landscape.grid_deg(entry.wind_from_deg + 180.0))
+        found[number, :GRID] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
+        if entry.wind_field is not None:
+            first = places[id(entry.wind_field.grids)]
+            parts = [(first + grid, each.real, each.imag) for grid, each in entry.wind_field.parts]
+            found[number, GRID : GRID + 3 * len(parts)] = np.ravel(parts)
+    return found
 
 
 def perturbed(
@@ -209,30 +266,53 @@ def perturbed(
     terms[entry + 1 :, :, 0] *= spread_factor
     terms[entry + 1 :, :, CROWN] *= spread_factor
     cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
-    speed, north, east = tables.wind[entry:].T
-    wind[entry + 1 :] = np.stack(
+    speed, north, east = tables.wind[entry:, :GRID].T
+    wind[entry + 1 :, :GRID] = np.stack(
         [speed * wind_factor, north * cos - east * sin, east * cos + north * sin], axis=1
     )
     return tables._replace(terms=terms, wind=wind)
 
 
 @kernel
-def surface_head(cell, entry, wind_m_s, terrain, tables):  # type: ignore[no-untyped-def]
+def wind_at(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
+    """Return the wind in a cell: m/s at 20 ft, and the unit vector toward which it blows."""
+    wind, grids = tables.wind, terrain.wind_grids
+    speed, north, east = wind[entry, 0], wind[entry, 1], wind[entry, 2]
+    if grids.shape[0] == 0 or wind[entry, GRID] < 0.0:
+        return speed, north, east
+    real = imaginary = 0.0
+    for place in range(GRID, GRID + 3 * MAX_SHARED, 3):
+        grid = int(wind[entry, place])
+        if grid >= 0:
+            to_north, to_east = np.float64(grids[grid, 0, cell]), np.float64(grids[grid, 1, cell])
+            a, b = wind[entry, place + 1], wind[entry, place + 2]
+            real += a * to_north - b * to_east
+            imaginary += a * to_east + b * to_north
+    ratio = math.sqrt(real * real + imaginary * imaginary)
+    if ratio == 0.0:
+        return 0.0, north, east
+    real, imaginary = real / ratio, imaginary / ratio
+    return speed * ratio, north * real - east * imaginary, east * real + north * imaginary
+
+
+@kernel
+def surface_head(cell, entry, wind, terrain, tables):  # type: ignore[no-untyped-def]
     """Return the fastest spread of the surface fire in a cell, and the eccentricity of the ellipse.
 
-    ``wind_m_s`` is the wind at 20 ft. The result is the rate in m/s along the slope, the unit
-    vector (north, east) of the direction of spread, and the eccentricity. Wind and slope are added
-    as vectors (``rothermel.fastest_spread``).
+    ``wind`` is the wind as from ``wind_at``. The result is the rate in m/s along the slope, the
+    unit vector (north, east) of the direction of spread, and the eccentricity. Wind and slope are
+    added as vectors (``rothermel.fastest_spread``).
     """
+    wind_m_s, wind_north, wind_east = wind
     terms, fuel = tables.terms, terrain.fuel[cell]
     b, c = terms[entry, fuel, 1], terms[entry, fuel, 2]
     rise_north = np.float64(terrain.gradient[0, cell])
     rise_east = np.float64(terrain.gradient[1, cell])
     slope = math.sqrt(rise_north * rise_north + rise_east * rise_east)
-    wind = wind_m_s * terrain.midflame[cell]
-    by_wind = c * wind**b if wind > 0.0 else 0.0
-    north = by_wind * tables.wind[entry, 1]
-    east = by_wind * tables.wind[entry, 2]
+    midflame_m_s = wind_m_s * terrain.midflame[cell]
+    by_wind = c * midflame_m_s**b if midflame_m_s > 0.0 else 0.0
+    north = by_wind * wind_north
+    east = by_wind * wind_east
     if slope > 0.0:
         by_slope = min(terms[entry, fuel, 3] * slope * slope, terms[entry, fuel, 4])
         north += by_slope * rise_north / slope
@@ -256,8 +336,9 @@ def crowned_head(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     Whether crowns burn depends on the intensity of the surface fire at its head. The front moves
     with the faster of surface and crown fire.
     """
-    wind_m_s = tables.wind[entry, 0]
-    rate, north, east, e = surface_head(cell, entry, wind_m_s, terrain, tables)
+    wind_m_s, wind_north, wind_east = wind_at(cell, entry, terrain, tables)
+    wind = wind_m_s, wind_north, wind_east
+    rate, north, east, e = surface_head(cell, entry, wind, terrain, tables)
     if tables.crown_method == NO_CROWNS:
         return rate, north, east, e, 0.0
     fuel, rate_factor = terrain.fuel[cell], terrain.rate_factor
@@ -269,8 +350,8 @@ def crowned_head(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     density_kg_m3 = terrain.canopy.density_kg_m3[cell]
     full_m_s = 0.0
     if tables.crown_method == SCOTT_REINHARDT:
-        crowning_m_s = crowning_wind_of(factor, density_kg_m3)
-        full_m_s, _, _, _ = surface_head(cell, entry, crowning_m_s, terrain, tables)
+        crowning_wind = crowning_wind_of(factor, density_kg_m3), wind_north, wind_east
+        full_m_s, _, _, _ = surface_head(cell, entry, crowning_wind, terrain, tables)
     crown, fraction, active = with_crowns(
         tables.crown_method,
         rate,

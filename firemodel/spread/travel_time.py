@@ -72,6 +72,15 @@ def with_rate_factor(ground: Ground, rate_factor: NDArray[np.float32]) -> Ground
     return ground._replace(terrain=terrain, reach=_reach(terrain, ground.cols))
 
 
+def with_weather_of(ground: Ground, model: Ground, tables: Tables) -> Ground:
+    """Return a ``Ground`` with the tables and the wind grids of another one's weather."""
+    grids, terrain, reach = model.terrain.wind_grids, ground.terrain, ground.reach
+    if grids is not terrain.wind_grids:
+        terrain = terrain._replace(wind_grids=grids)
+        reach = _reach(terrain, ground.cols)
+    return ground._replace(terrain=terrain, tables=tables, reach=reach)
+
+
 @compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
     """Return each cell's chessboard distance to the nearest cell with a different neighbour.
@@ -103,7 +112,7 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 @kernel
 def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
     """Set ``alike`` to -1 where cells from ``one`` on equal those from ``other`` on, else to 0."""
-    fuel, gradient, midflame, rate_factor, canopy = terrain
+    fuel, gradient, midflame, rate_factor, canopy, wind_grids = terrain
     north, east, size = gradient[0], gradient[1], alike.size
     fuel_1, fuel_2 = fuel[one : one + size], fuel[other : other + size]
     north_1, north_2 = north[one : one + size], north[other : other + size]
@@ -122,6 +131,14 @@ def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
             same = critical_kw_m[one + k] == critical_kw_m[other + k]
             if not (same & (density_kg_m3[one + k] == density_kg_m3[other + k])):
                 alike[k] = 0
+    for grid in range(wind_grids.shape[0]):
+        if not alike.any():
+            return
+        for part in range(2):
+            wind_1 = wind_grids[grid, part, one : one + size]
+            wind_2 = wind_grids[grid, part, other : other + size]
+            for k in range(size):
+                alike[k] &= -(wind_1[k] == wind_2[k])
 
 
 @kernel

@@ -258,12 +258,13 @@ def test_every_reference_row_of_behave_is_reproduced() -> None:
     for row in rows:
         for method, name in (("rothermel", "roth"), ("scott_reinhardt", "sr")):
             terrain, tables, wind_m_s = inputs_of(row, method)  # type: ignore[arg-type]
-            surface_m_s = surface_head(0, 0, wind_m_s, terrain, tables)[0]
+            toward = tuple(tables.wind[0, 1:])
+            surface_m_s = surface_head(0, 0, (wind_m_s, *toward), terrain, tables)[0]
             heat, factor = tables.terms[0, 0, HEAT], tables.terms[0, 0, CROWN]
             critical_kw_m = float(terrain.canopy.critical_kw_m[0])
             density = float(terrain.canopy.density_kg_m3[0])
             wind_full_m_s = crowning_wind_of(factor, density)
-            full_m_s = surface_head(0, 0, wind_full_m_s, terrain, tables)[0]
+            full_m_s = surface_head(0, 0, (wind_full_m_s, *toward), terrain, tables)[0]
             crowns = surface_m_s * heat >= critical_kw_m
             rate_m_s, fraction, active = surface_m_s, 0.0, False
             if crowns:

@@ -74,7 +74,7 @@ class PredictiveSettings:
 
 def model_of(landscape: Landscape, weather: Weather) -> FrontModel:
     """Return the fire model on board, with a landscape and fuel moistures but without wind."""
-    calm = replace(weather, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
+    calm = replace(weather, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0, wind_field=None)
     weather_stream = WeatherStream([calm])
     return FrontModel(FrontRates(landscape, weather_stream), landscape, weather_stream)
 
