@@ -46,6 +46,7 @@ from mission_service.config.sections import (
 )
 from mission_service.config.service_section import ServiceSection
 from mission_service.config.surveillance_section import SurveillanceSection
+from mission_service.config.wind_section import WindGridsSection
 from mission_service.errors import OptionError, ScenarioError
 from mission_service.value_errors import got, missing_key, remedy, schema_at
 
@@ -85,6 +86,7 @@ class Scenario(Section):
     simulation: SimulationSection = SimulationSection()
     weather: tuple[WeatherEntry, ...] = ()
     weather_file: WeatherFile | None = None
+    wind_grids: WindGridsSection | None = None
     ignition: tuple[Ignition, ...] = ()
     vehicles: tuple[VehicleSection, ...] = ()
     only: str | None = None

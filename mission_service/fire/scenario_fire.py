@@ -1,6 +1,7 @@
 """Create the landscape, the weather and the fire of a scenario."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
 from firemodel.input_warnings import FireInputs, input_warnings, time_zero_warnings
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
+from firemodel.landscape.gridded_wind import with_wind
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import burnable_cells, with_barriers
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel
@@ -27,10 +29,13 @@ from mission_service.config.fire_sections import (
     LandscapeSection,
     WeatherFile,
 )
+from mission_service.config.input_files import input_files
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
+from mission_service.config.wind_section import WindGridsSection
 from mission_service.errors import ScenarioError
 
+WEATHER_TABLES = {"time_zero", "duration_s", "landscape", "weather", "weather_file", "wind_grids"}
 STALLED = 100  # updates without growth after which the fire is checked for burning cells
 
 
@@ -95,10 +100,64 @@ def custom_fuels_of(section: LandscapeSection) -> dict[int, FuelModel]:
 
 
 def weather_of(scenario: Scenario) -> WeatherStream:
-    """Return the weather of a scenario, from its entries or its weather file."""
+    """Return the weather of a scenario, from its entries or its weather file, and its wind grids.
+
+    The weather of a scenario with wind grids or moisture zones is computed once, and again after a
+    change of the files.
+    """
+    file = scenario.weather_file
+    if scenario.wind_grids is None and (file is None or file.dead_fuel_model != "nelson"):
+        return _weather(scenario)
+    return _stored(_WeatherInputs(scenario))
+
+
+class _WeatherInputs:
+    """A scenario that equals another one with the same tables and files for the weather."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        found = (path.stat() for path in input_files(scenario, WEATHER_TABLES) if path.exists())
+        stamps = tuple((file.st_mtime_ns, file.st_size) for file in found)
+        self._key = scenario.model_dump_json(include=WEATHER_TABLES), stamps
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _WeatherInputs) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+@lru_cache(maxsize=2)
+def _stored(inputs: _WeatherInputs) -> WeatherStream:
+    return _weather(inputs.scenario)
+
+
+def _weather(scenario: Scenario) -> WeatherStream:
+    section = scenario.wind_grids
     if scenario.weather_file is not None:
-        return _from_file(scenario.weather_file, scenario)
-    return WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
+        found = _from_file(scenario.weather_file, scenario)
+    else:
+        found = WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
+    return found if section is None else _in_wind(found, section, scenario)
+
+
+def _in_wind(
+    weather: WeatherStream, section: WindGridsSection, scenario: Scenario
+) -> WeatherStream:
+    """Return a weather stream with the wind of grids."""
+    from firemodel.landscape.readers.wind_files import WindFiles, read_wind
+
+    pairs = tuple((each.speed, each.direction, each.time_given) for each in section.pairs)
+    place = section.unit, section.height, section.north, section.crs
+    starts = (section.start, weather.source and weather.source.start, scenario.time_zero)
+    landscape = landscape_of(scenario)
+    stack = read_wind(
+        WindFiles(section.path, pairs, section.at_s, *place),
+        landscape,
+        [start for start in starts if start is not None],
+        scenario.duration_s,
+    )
+    return with_wind(weather, stack, landscape, section.interval_s)
 
 
 def _from_file(section: WeatherFile, scenario: Scenario) -> WeatherStream:

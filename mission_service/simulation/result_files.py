@@ -19,6 +19,7 @@ from zipfile import BadZipFile
 import firemodel
 from firemodel.compiled import cache_folder
 from firemodel.outputs.whole_file import whole_file, write_whole
+from mission_service.config.input_files import input_files
 from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 
@@ -41,15 +42,15 @@ DAMAGE: tuple[type[Exception], ...] = (
 
 # The tables of a scenario on which its fire depends.
 USED = {"name", "seed", "time_zero", "duration_s", "landscape", "fire", "ensemble", "ignition"}
-USED |= {"weather", "weather_file", "burn"}
+USED |= {"weather", "weather_file", "wind_grids", "burn"}
 
 
 def recipe_of(scenarios: Sequence[Scenario]) -> Recipe:
     """Return the inputs of fires: settings (of the first scenario), input files, the fire model.
 
-    Raises OSError for a file that cannot be read.
+    Raises OSError or FireModelError for a file that cannot be read.
     """
-    files = {path for each in scenarios for path in _paths_in(each.model_dump(include=USED))}
+    files = {path for each in scenarios for path in input_files(each, USED)}
     digests = {}
     for path in sorted(files):
         with path.open("rb") as file:
@@ -59,14 +60,6 @@ def recipe_of(scenarios: Sequence[Scenario]) -> Recipe:
         "files": digests,
         "model": cache_folder(Path(firemodel.__file__).parent).name,
     }
-
-
-def _paths_in(data: Any) -> Iterator[Path]:
-    if isinstance(data, Path):
-        yield data
-    elif isinstance(data, dict | list | tuple):
-        for part in data.values() if isinstance(data, dict) else data:
-            yield from _paths_in(part)
 
 
 @contextmanager

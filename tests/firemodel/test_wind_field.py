@@ -3,7 +3,9 @@
 import copy
 import math
 import pickle
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ from firemodel.physics.wind_field import WindField, WindGrids, field_of, mean_wi
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire
-from firemodel.spread.schemes import new_fire
+from firemodel.spread.schemes import SchemeName, new_fire
 from tests.firemodel.grids import landscape, weather
 from tests.firemodel.spread_fields import spread_fields
 
@@ -49,10 +51,10 @@ def _hills() -> Landscape:
 
 
 def burned(
-    land: Landscape, *entries: Weather, scheme: str = "anyangle", **settings: object
+    land: Landscape, entries: Sequence[Weather], scheme: SchemeName, settings: dict[str, Any]
 ) -> Fire:
-    """Return a fire after an hour, in weather that changes after twenty minutes."""
-    fire = new_fire(scheme, land, WeatherStream(entries), [MIDDLE], **settings)  # type: ignore[arg-type]
+    """Return a fire after an hour."""
+    fire = new_fire(scheme, land, WeatherStream(entries), [MIDDLE], **settings)
     fire.advance(3600.0)
     return fire
 
@@ -65,13 +67,12 @@ CROWNS = {"crown": "scott_reinhardt", "spotting": True, "firebrands_per_ha": 50.
     [("anyangle", {}), ("anyangle", CROWNS), ("devs8", {"crown": "cruz"})],
 )
 def test_a_ratio_of_one_changes_nothing(
-    hills: Landscape, scheme: str, settings: dict[str, object]
+    hills: Landscape, scheme: SchemeName, settings: dict[str, Any]
 ) -> None:
     entries = weather(9.0, 240.0), replace(weather(6.0, 290.0), at_s=1200.0)
     field = field_of(ratio())
     with_field = [replace(entry, wind_field=field) for entry in entries]
-    plain = burned(hills, *entries, scheme=scheme, **settings)
-    found = burned(hills, *with_field, scheme=scheme, **settings)
+    plain, found = (burned(hills, each, scheme, settings) for each in (entries, with_field))
     assert np.count_nonzero(plain.burned()) > 100
     np.testing.assert_array_equal(found.arrival_time_s, plain.arrival_time_s)
     for one, other in zip(behaviour_of(found), behaviour_of(plain), strict=True):
@@ -80,10 +81,12 @@ def test_a_ratio_of_one_changes_nothing(
 
 @pytest.mark.parametrize("settings", [{}, CROWNS])
 def test_a_field_turned_by_90_degrees_equals_a_turned_wind(
-    hills: Landscape, settings: dict[str, object]
+    hills: Landscape, settings: dict[str, Any]
 ) -> None:
     turned = replace(weather(9.0, 240.0), wind_field=field_of(ratio(0.0, 0.5)))
-    plain, found = burned(hills, weather(4.5, 330.0), **settings), burned(hills, turned, **settings)
+    plain, found = (
+        burned(hills, [each], "anyangle", settings) for each in (weather(4.5, 330.0), turned)
+    )
     np.testing.assert_allclose(found.arrival_time_s, plain.arrival_time_s, rtol=1e-9)
 
 
@@ -153,7 +156,7 @@ def test_learned_winds_apply_on_top_of_the_field(hills: Landscape) -> None:
         LearnedInputs(hills, 0.0).speeds_m_s(parts, WeatherStream([entry]), 0.0)
         for entry in (replace(weather(8.0, 270.0), wind_field=field), weather(4.0, 270.0))
     ]
-    np.testing.assert_allclose(*speeds, rtol=1e-12)
+    np.testing.assert_allclose(speeds[0], speeds[1], rtol=1e-12)
     assert (speeds[0] > 0.0).all()
 
 

@@ -96,7 +96,7 @@ def bands_of(path: Path) -> tuple[Band, ...]:
     check_file(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # ``grid_problems`` reports it
-        with _opened(path, raster_driver(path)) as file:
+        with opened(path, raster_driver(path)) as file:
             crs = file.crs.to_string() if file.crs else None  # slow: searches for an EPSG code
             return tuple(
                 Band(
@@ -121,13 +121,16 @@ def bands_of(path: Path) -> tuple[Band, ...]:
 
 
 @contextmanager
-def _opened(path: Path, driver: str) -> Iterator[Any]:
-    """Open a raster without network access. Raises FireModelError if GDAL cannot read the file."""
+def opened(path: Path, driver: str, dataset: str | None = None) -> Iterator[Any]:
+    """Open a raster, or one ``dataset`` in the file, without network access.
+
+    Raises FireModelError if GDAL cannot read the file.
+    """
     import rasterio
     from rasterio.errors import RasterioError
 
     try:
-        with rasterio.Env(**OFFLINE), rasterio.open(path, driver=driver) as file:
+        with rasterio.Env(**OFFLINE), rasterio.open(dataset or path, driver=driver) as file:
             yield file
     except RasterioError as error:
         line = " ".join(str(error).split())
@@ -166,7 +169,7 @@ def values_of(band: Band) -> NDArray[Any]:
     Raises FireModelError if the file is damaged or has more than ``MAX_CELLS`` cells.
     """
     refuse(size_problems(band))
-    with _opened(band.path, band.driver) as file:
+    with opened(band.path, band.driver) as file:
         values: NDArray[Any] = file.read(band.number)
     return values
 
@@ -195,7 +198,7 @@ def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) ->
         if value is not None and not math.isnan(value):
             missing |= values == values.dtype.type(value) if _fits(value, values) else False
     if band.masked:
-        with _opened(band.path, band.driver) as file:
+        with opened(band.path, band.driver) as file:
             missing |= file.read_masks(band.number) == 0
     return missing
 

@@ -20,6 +20,7 @@ from firemodel.errors import FireModelError
 TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 GRID = (b"ncols", b"nrows", b"xllcorner", b"yllcorner", b"xllcenter", b"yllcenter", b"cellsize")
 IMAGINE = b"EHFA_HEADER_TAG"
+GRIDDED = {"netCDF": (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n"), "GRIB": (b"GRIB",)}
 LCP_FLAGS = (20, 21)  # an .lcp file begins with two of these numbers
 SHAPEFILE = struct.pack(">i", 9994)
 SQLITE = b"SQLite format 3\x00"
@@ -59,6 +60,26 @@ def raster_driver(path: Path) -> str:
         "convert "
         "it to GeoTIFF"
     )
+
+
+def wind_driver(path: Path) -> str:
+    """Return the GDAL driver for a raster of wind, which may also be a NetCDF or GRIB file.
+
+    Raises FireModelError if the format is not accepted, or if this GDAL has no driver for it.
+    """
+    start = _start(path)
+    found = next((driver for driver, magic in GRIDDED.items() if start.startswith(magic)), None)
+    if found is None:
+        return raster_driver(path)
+    import rasterio
+
+    with rasterio.Env() as env:
+        if found not in env.drivers():
+            raise FireModelError(
+                f"{path}: is a {found} file, for which the installed GDAL has no driver; convert "
+                "it to GeoTIFF"
+            )
+    return found
 
 
 def check_shapes(path: Path) -> None:

@@ -148,7 +148,7 @@ def read_weather(
                 float(at_s[number]),
                 float(values["wind_speed_m_s"][number]),
                 float(values["wind_from_deg"][number]),
-                **dict(zip(MOISTURES, map(float, moistures_pct[number]), strict=True)),
+                *map(float, moistures_pct[number]),
                 of_fuels=tuple((code, _fractions(pct[number])) for code, pct in own_pct.items()),
                 of_zones=of_zones[number],
             )

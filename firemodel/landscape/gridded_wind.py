@@ -1,0 +1,76 @@
+"""Combine grids of wind at several times with a weather stream."""
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import WeatherStream
+from firemodel.physics.wind_field import MeanWind, WindGrids, mean_wind
+
+
+class WindStack(NamedTuple):
+    """Grids of wind on a landscape, and their times."""
+
+    at_s: tuple[float, ...]  # (grids) in ascending order, the first at 0 s or earlier
+    grids: WindGrids  # in m/s at 20 ft
+
+
+def with_wind(
+    weather: WeatherStream, stack: WindStack, landscape: Landscape, interval_s: float
+) -> WeatherStream:
+    """Return a weather stream whose wind is that of grids.
+
+    Between two grids, the wind vectors of each cell are interpolated linearly at multiples of
+    ``interval_s`` after the first of them; each wind is used until the next. The last grid is used
+    until the end. The wind of an entry is the mean of the landscape (``mean_wind``). The moistures
+    are those of ``weather``, and so is the source.
+    """
+    times = sorted({*_times(stack, interval_s), *(entry.at_s for entry in weather.entries)})
+    winds: dict[float, MeanWind] = {}
+    entries = []
+    for at_s in times[max(bisect_right(times, 0.0) - 1, 0) :]:
+        wind_at_s = _wind_time(stack, interval_s, at_s)
+        if wind_at_s not in winds:
+            winds[wind_at_s] = mean_wind(stack.grids, _shares(stack.at_s, wind_at_s))
+        mean = winds[wind_at_s]
+        toward_deg = float(landscape.true_deg(mean.toward_grid_deg))
+        entries.append(
+            replace(
+                weather.weather_at(at_s),
+                at_s=at_s,
+                wind_speed_m_s=mean.speed_m_s,
+                wind_from_deg=(toward_deg + 180.0) % 360.0,
+                wind_field=mean.field,
+            )
+        )
+    return WeatherStream(entries, weather.source)
+
+
+def _times(stack: WindStack, interval_s: float) -> Iterator[float]:
+    """Yield the times of grids, and the times at which winds are interpolated."""
+    for before_s, after_s in pairwise(stack.at_s):
+        count = 0
+        while before_s + count * interval_s < after_s:
+            yield before_s + count * interval_s
+            count += 1
+    yield stack.at_s[-1]
+
+
+def _wind_time(stack: WindStack, interval_s: float, at_s: float) -> float:
+    """Return the time of the wind in effect at a time: the last of ``_times`` until then."""
+    before_s = stack.at_s[max(bisect_right(stack.at_s, at_s) - 1, 0)]
+    if before_s == stack.at_s[-1]:
+        return before_s
+    return before_s + max((at_s - before_s) // interval_s, 0.0) * interval_s
+
+
+def _shares(at_s: tuple[float, ...], time_s: float) -> tuple[tuple[int, float], ...]:
+    """Return the grids before and after a time, and their shares."""
+    before = max(bisect_right(at_s, time_s) - 1, 0)
+    if time_s <= at_s[before]:
+        return ((before, 1.0),)
+    share = (time_s - at_s[before]) / (at_s[before + 1] - at_s[before])
+    return ((before, 1.0 - share), (before + 1, share))

@@ -1,0 +1,59 @@
+"""Defines the table of wind that varies in space and time."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from firemodel.landscape.wind_options import Height, North, Unit
+from mission_service.config.section_base import Finite, Line, Section
+
+
+class WindPair(Section):
+    """The grids of speed and direction at one time: ``at_s``, or a calendar ``time``."""
+
+    speed: Path
+    direction: Path
+    at_s: Finite | None = None
+    time: datetime | None = None
+
+    @property
+    def time_given(self) -> float | datetime | None:
+        """The time of the wind, if it is given."""
+        return self.time if self.at_s is None else self.at_s
+
+    @model_validator(mode="after")
+    def _one_time(self) -> "WindPair":
+        if self.at_s is not None and self.time is not None:
+            raise ValueError("give either at_s or time")
+        return self
+
+
+class WindGridsSection(Section):
+    """Wind that varies in space and time, instead of the wind of the weather.
+
+    The wind is in one file ``path`` (.atm, GeoTIFF, NetCDF, GRIB), or in ``pairs`` of files with
+    speed and direction. ``at_s`` are the times of the winds in ``path`` if it has none; ``start``
+    is the calendar time of mission time 0, by default that of the weather file, or ``time_zero``.
+    ``unit``, ``height`` (above the vegetation), ``north`` (of directions) and ``crs`` are needed if
+    the files do not contain them. Winds are interpolated every ``interval_s``.
+    """
+
+    path: Path | None = None
+    pairs: tuple[WindPair, ...] = ()
+    at_s: tuple[Finite, ...] = ()
+    start: datetime | None = None
+    unit: Unit | None = None
+    height: Height | None = None
+    north: North | None = None
+    crs: Line | None = None
+    interval_s: Annotated[float, Field(ge=60, le=86_400)] = 900.0
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "WindGridsSection":
+        if (self.path is None) == (not self.pairs):
+            raise ValueError("give either path or pairs")
+        if self.at_s and self.path is None:
+            raise ValueError("at_s has no effect with pairs; give at_s or time in each of them")
+        return self
