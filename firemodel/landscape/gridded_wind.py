@@ -46,7 +46,11 @@ def with_wind(
                 wind_field=mean.field,
             )
         )
-    return WeatherStream(entries, weather.source)
+    source = weather.source
+    if source is not None and source.humidity_pct is not None:
+        of_entries = (source.humidity_pct[weather.index_at(entry.at_s)] for entry in entries)
+        source = source._replace(humidity_pct=tuple(of_entries))
+    return WeatherStream(entries, source)
 
 
 def _times(stack: WindStack, interval_s: float) -> Iterator[float]:

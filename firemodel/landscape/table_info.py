@@ -21,6 +21,7 @@ from firemodel.landscape.readers.inputs_files import (
 from firemodel.landscape.readers.stream_files import table_in, units_in, winds_in
 from firemodel.landscape.readers.weather_files import MOISTURES, read_weather
 from firemodel.landscape.readers.weather_records import YEAR, records_in
+from firemodel.landscape.readers.wind_files import pair_of, read_atm
 from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import Moisture
 
@@ -56,6 +57,7 @@ def _kind_of(path: Path) -> tuple[str, Callable[[Path], Described] | None]:
         return "weather", _weather
     return {
         ".wnd": ("wind", _wind),
+        ".atm": ("grids of wind", _grids),
         ".fmd": ("custom fuels", _fuels),
         ".fms": ("fuel moistures", _moistures),
         ".adj": ("rate factors", _factors),
@@ -117,6 +119,15 @@ def _wind(path: Path) -> Described:
     winds_in(path, rows, YEAR)
     note = f"read with its daily weather: path = {path.stem}.wtr, wind = {path.name}"
     return [f"{len(rows)} winds"], [note]
+
+
+def _grids(path: Path) -> Described:
+    found, unit, height = read_atm(path, YEAR)
+    for at, speed, direction in found:
+        pair_of(speed, direction, at)
+    times = (f"{at:%m-%d %H:%M}" for at, _, _ in (found[0], found[-1]))
+    lines = [f"{len(found)} winds from {' to '.join(times)}, in {unit} at {height}"]
+    return lines, [f'read as the wind of a landscape: wind_grids.path = "{path.name}"']
 
 
 def _fuels(path: Path) -> Described:

@@ -8,6 +8,7 @@ everywhere by the same factor and angle.
 """
 
 import cmath
+import hashlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -50,6 +51,10 @@ class WindGrids:
         """The same values with flattened cells (grids, 2, n)."""
         return self.toward.reshape(*self.toward.shape[:2], -1)
 
+    def digest(self) -> str:
+        """Return the SHA-256 of the shape and the values."""
+        return hashlib.sha256(repr(self.toward.shape).encode() + self.toward.tobytes()).hexdigest()
+
     def __getstate__(self) -> dict[str, object]:
         """Return the attributes for a pickle, without the second view of the values."""
         return {"toward": self.toward}
@@ -77,14 +82,14 @@ class WindField:
             )
 
     @property
-    def shape(self) -> tuple[int, int]:
+    def grid_shape(self) -> tuple[int, int]:
         """The number of rows and the number of columns."""
         rows, cols = self.grids.toward.shape[2:]
         return rows, cols
 
     def ratio(self) -> NDArray[np.float32]:
         """Return the ratio (2, y, x): the real and the imaginary part."""
-        found = np.empty((2, *self.shape), dtype=np.float32)
+        found = np.empty((2, *self.grid_shape), dtype=np.float32)
         for rows in _blocks(self.grids):
             total = _sum(self.grids, self.parts, rows)
             found[0, rows], found[1, rows] = total.real, total.imag

@@ -156,14 +156,13 @@ def _grids_of(
     Raises FireModelError for a field of another landscape.
     """
     found: dict[int, WindGrids] = {}
-    for entry in entries:
-        if entry.wind_field is not None:
-            found[id(entry.wind_field.grids)] = entry.wind_field.grids
-            if entry.wind_field.shape != landscape.shape:
-                raise FireModelError(
-                    f"weather: has a wind field of {entry.wind_field.shape} cells, the landscape "
-                    f"has {landscape.shape}; read the wind with this landscape"
-                )
+    for field in (entry.wind_field for entry in entries if entry.wind_field is not None):
+        found[id(field.grids)] = field.grids
+        if field.grid_shape != landscape.shape:
+            raise FireModelError(
+                f"weather: has a wind field of {field.grid_shape} cells, the landscape has "
+                f"{landscape.shape}; read the wind with this landscape"
+            )
     if len(found) <= 1:
         return next((each.cells for each in found.values()), NO_GRIDS), dict.fromkeys(found, 0)
     counts = [len(each.cells) for each in found.values()]

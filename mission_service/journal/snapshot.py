@@ -27,9 +27,11 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from firemodel.landscape.landscape import Landscape
+from firemodel.physics.wind_field import WindGrids
 from mission_service.config.rule_lookup import versions_of_others
 from mission_service.config.scenario import Scenario
 from mission_service.errors import StateError
+from mission_service.fire.scenario_fire import weather_of
 from mission_service.journal.journal_file import Rest
 from mission_service.journal.private_files import opened, sync, writable_by_others
 
@@ -68,18 +70,30 @@ class Known:
             **{f"landscape.{k}": v for k, v in arrays.items() if isinstance(v, np.ndarray)},
             **dict(_parts("scenario", scenario)),
         }
+        self._wind = _wind_grids(scenario)
+        if self._wind is not None:
+            self.by_name |= {"wind": self._wind, "wind.toward": self._wind.toward}
         self.name_of = {id(value): name for name, value in self.by_name.items()}
         self._of = (scenario, landscape)
 
     @cached_property
     def scenario(self) -> str:
-        """The digest of the scenario."""
-        return digest_of(self._of[0])
+        """The digest of the scenario, and of its grids of wind if there are any."""
+        found = digest_of(self._of[0])
+        return found if self._wind is None else f"{found} {self._wind.digest()}"
 
     @cached_property
     def landscape(self) -> str:
         """The digest of the landscape."""
         return self._of[1].digest()
+
+
+def _wind_grids(scenario: Scenario) -> WindGrids | None:
+    """Return the grids of a scenario with [wind_grids], which all its entries share."""
+    if scenario.wind_grids is None:
+        return None
+    fields = (entry.wind_field for entry in weather_of(scenario).entries)
+    return next((field.grids for field in fields if field is not None), None)
 
 
 def _parts(name: str, section: object) -> Iterator[tuple[str, object]]:

@@ -230,7 +230,7 @@ def _seconds(pairs: Sequence[WindPair], starts: Sequence[datetime]) -> list[floa
         time = pair.time
         if time is None:
             raise FireModelError(
-                f"{pair.one.name}: has no time; give it after the name of the band, or give at_s"
+                f"{pair.one.label}: has no time; give it after the name of the band, or give at_s"
             )
         if isinstance(time, datetime):
             assert start is not None  # because there are calendar times
@@ -244,7 +244,7 @@ def _seconds(pairs: Sequence[WindPair], starts: Sequence[datetime]) -> list[floa
     for pair, (before_s, after_s) in zip(pairs[1:], pairwise(found), strict=True):
         if not after_s > before_s:
             raise FireModelError(
-                f"{pair.one.name}: its time, {after_s:g} s, is not later than the previous, "
+                f"{pair.one.label}: its time, {after_s:g} s, is not later than the previous, "
                 f"{before_s:g} s; sort the winds by time, and give one height"
             )
     return found
@@ -275,15 +275,15 @@ def scale_of(layer: WindLayer, files: WindFiles) -> tuple[Unit, Height]:
     if layer.unit in ("m_s", "mph", "kmh", "kts"):
         if unit not in (None, layer.unit):
             raise FireModelError(
-                f"{layer.name}: its unit is {layer.unit}, not {unit}; correct the unit, or leave "
+                f"{layer.label}: its unit is {layer.unit}, not {unit}; correct the unit, or leave "
                 "it out"
             )
         unit = layer.unit  # type: ignore[assignment]
     if layer.height and height not in (None, layer.height):
-        raise FireModelError(f"{layer.name}: its height is {layer.height}, not {height}")
+        raise FireModelError(f"{layer.label}: its height is {layer.height}, not {height}")
     height = layer.height or height  # type: ignore[assignment]
     if unit is None:
-        raise FireModelError(f"{layer.name}: has no unit; give the unit: m_s, mph, kmh or kts")
+        raise FireModelError(f"{layer.label}: has no unit; give the unit: m_s, mph, kmh or kts")
     if height is None:
-        raise FireModelError(f'{layer.name}: give the height of the wind: "20ft" or "10m"')
+        raise FireModelError(f'{layer.label}: give the height of the wind: "20ft" or "10m"')
     return unit, height

@@ -36,6 +36,7 @@ UNITS = {
 }
 SECONDS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0}
 SINCE = re.compile(r"(second|minute|hour|day)s? since (.+)", re.IGNORECASE)
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 TEN_METRES = ("10-HTGL",)  # the level of GRIB's wind at 10 m
 
 
@@ -56,7 +57,7 @@ class WindLayer(NamedTuple):
     shape: tuple[int, int]
 
     @property
-    def name(self) -> str:
+    def label(self) -> str:
         """The name of the band in error messages."""
         variable = self.dataset.rpartition(":")[2] if self.driver == "netCDF" else ""
         band = "" if self.driver == "AAIGrid" else f"band {self.number}"
@@ -155,7 +156,7 @@ def unit_in(text: str) -> str:
 def _time(path: Path, driver: str, description: str, tags: dict[str, str]) -> Time:
     if driver == "GRIB":
         text = tags.get("GRIB_VALID_TIME", "").partition(" ")[0]
-        return datetime.fromtimestamp(int(text), UTC) if text.lstrip("-").isdigit() else None
+        return EPOCH + timedelta(seconds=int(text)) if text.lstrip("-").isdigit() else None
     if driver == "netCDF":
         return _time_on_axis(path, tags)
     name, _, text = description.rpartition(" ")

@@ -46,7 +46,7 @@ def vectors_on(
     crs = _crs_of(one, crs)
     if (one.shape, one.transform, one.crs) != (other.shape, other.transform, other.crs):
         raise FireModelError(
-            f"{other.name}: differs from {one.name} in shape, place or CRS; bring both onto one "
+            f"{other.label}: differs from {one.label} in shape, place or CRS; bring both onto one "
             "grid"
         )
     to_north, to_east = _components(one, other, scale)
@@ -57,7 +57,7 @@ def vectors_on(
     if missing.any():
         row, col = divmod(int(np.argmax(missing)), missing.shape[1])
         raise FireModelError(
-            f"{one.name}: no wind at row {row}, column {col} of the landscape "
+            f"{one.label}: no wind at row {row}, column {col} of the landscape "
             f"({np.count_nonzero(missing)} such cells); fill the cells without data"
         )
     to_north = bilinear(np.where(known, to_north, 0.0), rows, cols) / weight
@@ -126,7 +126,7 @@ def _check(layer: WindLayer, values: Floats, low: float, high: float, unit: str)
     bad = (values < low) | (values > high)  # False for NaN
     if bad.any():
         raise FireModelError(
-            f"{layer.name}: value {cells_with(bad, values)} must be from {low:.4g} to {high:.4g} "
+            f"{layer.label}: value {cells_with(bad, values)} must be from {low:.4g} to {high:.4g} "
             f"{unit}; check the unit, or declare the value as nodata"
         )
 
