@@ -10,8 +10,9 @@ import pytest
 
 from firemodel.physics.weather import WeatherStream
 from firemodel.physics.wind_field import WindGrids
-from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.config.scenario import load_scenario
 from mission_service.errors import ScenarioError
+from mission_service.fire.run_ensemble import Images, Lit, WeatherSet, new_estimate, processed
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import fire_of, landscape_of, weather_of
 from mission_service.fire.simulated_fire import simulated_weather
@@ -20,7 +21,7 @@ from mission_service.journal.snapshot import Frozen, Known, header_of, read, wri
 from mission_service.replay.verification import verify
 from mission_service.simulation.sim import simulate
 from tests.firemodel.grids import write_raster
-from tests.service.fires import CSV, LAND, POINT, TIFFS, write_scenario, write_site
+from tests.service.fires import CSV, LAND, LIT, POINT, TIFFS, write_scenario, write_site
 from tests.service.test_cli import call
 
 GRIDS = '[wind_grids]\npath = "wind.tif"\nunit = "m_s"\nheight = "20ft"\n'
@@ -55,16 +56,15 @@ def test_the_weather_has_the_wind_of_the_grids(path: Path) -> None:
 def test_fire_is_slower_where_the_wind_is_slower(path: Path) -> None:
     scenario = load_scenario(str(path))
     land = landscape_of(scenario)
-    local, mean = fire_of(scenario, land), fire_of(scenario, land, _of_mean(scenario))
+    local, mean = fire_of(scenario, land), fire_of(scenario, land, _of_mean(weather_of(scenario)))
     for fire in (local, mean):
         fire.advance(2400.0)
     assert local.burned()[30, 10:26].any()  # in the west
     assert np.count_nonzero(local.burned()) < 0.9 * np.count_nonzero(mean.burned())
 
 
-def _of_mean(scenario: Scenario) -> WeatherStream:
-    entries = weather_of(scenario).entries
-    return WeatherStream([replace(entry, wind_field=None) for entry in entries])
+def _of_mean(weather: WeatherStream) -> WeatherStream:
+    return WeatherStream([replace(entry, wind_field=None) for entry in weather.entries])
 
 
 def test_the_weather_is_computed_again_only_after_a_change_of_the_files(path: Path) -> None:
@@ -115,6 +115,21 @@ def test_invalid_tables_are_refused(path: Path, table: str, problem: str) -> Non
     write_scenario(path.parent, TIFFS, CSV, POINT, table)
     with pytest.raises(ScenarioError, match=problem):
         load_scenario(str(path))
+
+
+def test_the_ensemble_of_the_estimate_burns_in_the_grids(path: Path) -> None:
+    """A report of the wind replaces the mean, and keeps the local differences."""
+    scenario = load_scenario(str(path), ("estimate.members=4",))
+    land, weather = landscape_of(scenario), weather_of(scenario)
+    blown = weather.blown(8.0, 200.0, 1200.0)
+    found = []
+    for streams in ((weather, blown), (_of_mean(weather), _of_mean(blown))):
+        inputs = [Lit(0.0, 0.0, [LIT]), Images(900.0, ()), WeatherSet(1200.0, streams[1])]
+        estimate = processed(new_estimate(scenario, land, streams[0]), inputs)
+        forecast = estimate.forecast(3600.0)
+        found.append(forecast.burn_probability(3600.0))
+    assert (found[0] > 0.5).sum() > 10
+    assert not np.array_equal(*found)
 
 
 def test_a_file_that_cannot_be_used_is_one_line(path: Path, tmp_path: Path) -> None:
