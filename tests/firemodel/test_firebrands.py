@@ -10,6 +10,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.spotting import canopy_wind_m_s, crown_distance_m, firebrand_flights
 from firemodel.physics.weather import WeatherStream
+from firemodel.physics.wind_field import field_of
 from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.schemes import new_fire
 from tests.firemodel.grids import CELL_M, weather
@@ -21,7 +22,12 @@ WIND = WeatherStream([weather(15.0, 270.0)])  # dry, from the west
 
 
 def burned(
-    land: Landscape, until_s: float = 3600.0, steps: int = 1, seed: int = 1, **settings: Any
+    land: Landscape,
+    until_s: float = 3600.0,
+    steps: int = 1,
+    seed: int = 1,
+    wind: WeatherStream = WIND,
+    **settings: Any,
 ) -> Fire:
     """Return a fire in a forest after a time, advanced in equal steps."""
     given: dict[str, Any] = {
@@ -29,7 +35,7 @@ def burned(
         "spotting": True,
         "firebrands_per_ha": 20.0,
     } | settings
-    fire = new_fire("anyangle", land, WIND, [(*LIT, 0.0)], seed=seed, **given)
+    fire = new_fire("anyangle", land, wind, [(*LIT, 0.0)], seed=seed, **given)
     for step in range(steps):
         fire.advance(until_s * (step + 1) / steps)
     return fire
@@ -67,6 +73,15 @@ def test_spot_fires_are_downwind_and_begin_after_the_flight(wood: Landscape) -> 
     assert first < 3600.0
     assert abs(first - front_at_s) < 1800.0
     assert abs(over[:, 0].mean() - LIT[0]) < 25
+
+
+def test_firebrands_fly_with_the_local_wind(wood: Landscape) -> None:
+    """The mean wind is half as fast and turned; the local wind is that of ``WIND``."""
+    turned = field_of(np.stack([np.zeros(SHAPE), np.full(SHAPE, 2.0)]))  # twice as fast, by 90°
+    wind = WeatherStream([replace(weather(7.5, 180.0), wind_field=turned)])
+    local, plain = burned(wood, wind=wind), burned(wood)
+    assert plain.burned()[:, 45:].any()
+    np.testing.assert_allclose(local.arrival_time_s, plain.arrival_time_s, rtol=1e-6)
 
 
 def test_seeds_differ_and_copies_continue_alike(wood: Landscape) -> None:

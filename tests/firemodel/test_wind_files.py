@@ -19,7 +19,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.gridded_wind import WindStack, with_wind
 from firemodel.landscape.readers.wind_files import WindFiles, read_wind
 from firemodel.physics.rothermel import M_S_PER_MPH
-from firemodel.physics.weather import WeatherStream, wind_20ft_from_10m
+from firemodel.physics.weather import WeatherSource, WeatherStream, wind_20ft_from_10m
 from firemodel.physics.wind_field import WindGrids
 from tests.firemodel.grids import CELL_M, CRS, NORTH_M, WEST_M, landscape, weather, write_raster
 
@@ -261,6 +261,18 @@ def test_a_grib_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(toward(stack), scale * (4.0 + 3.0j), rtol=1e-3)
 
 
+def test_longitudes_from_0_to_360(tmp_path: Path) -> None:
+    lat_deg, lon_deg = LAND.centre_lat_lon
+    west_deg = lon_deg + 360.0 - 0.1
+    path = small(
+        tmp_path / "a.tif",
+        crs="EPSG:4326",
+        transform=rasterio.Affine(0.005, 0.0, west_deg, 0.0, -0.005, lat_deg + 0.075),
+    )
+    found = toward(read_wind(WindFiles(path, unit="m_s", height="20ft"), LAND))
+    np.testing.assert_allclose(np.abs(found), 5.0, rtol=1e-6)
+
+
 def test_calm_air_needs_no_direction(tmp_path: Path) -> None:
     speed = np.where(np.arange(16) < 8, 0.0, 10.0)
     direction = np.where(np.arange(16) < 8, -9999.0, 90.0)
@@ -275,10 +287,13 @@ def stack_of(*winds: complex) -> WindStack:
 
 
 def test_winds_are_interpolated_in_time() -> None:
-    still = WeatherStream([weather(1.0, 5.0), replace(weather(2.0, 5.0, 1000.0), dead_1h_pct=3.0)])
+    entries = [weather(1.0, 5.0), replace(weather(2.0, 5.0, 1000.0), dead_1h_pct=3.0)]
+    still = WeatherStream(entries, WeatherSource("station.csv", None, (20.0, 10.0)))
     found = with_wind(still, stack_of(10.0, 10.0j), LAND, 900.0)
     times = [entry.at_s for entry in found.entries]
     assert times == [0.0, 900.0, 1000.0, 1800.0, 2700.0, 3600.0]
+    assert found.source is not None
+    assert found.source.humidity_pct == (20.0, 20.0, 10.0, 10.0, 10.0, 10.0)
     middle = found.weather_at(1800.0)
     assert middle.wind_speed_m_s == pytest.approx(math.hypot(5.0, 5.0))
     assert LAND.grid_deg(middle.wind_from_deg) == pytest.approx(225.0)

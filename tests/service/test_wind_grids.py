@@ -10,9 +10,17 @@ import pytest
 
 from firemodel.physics.weather import WeatherStream
 from firemodel.physics.wind_field import WindGrids
+from mission_service.config.input_files import input_files
 from mission_service.config.scenario import load_scenario
 from mission_service.errors import ScenarioError
-from mission_service.fire.run_ensemble import Images, Lit, WeatherSet, new_estimate, processed
+from mission_service.fire.run_ensemble import (
+    Images,
+    Input,
+    Lit,
+    WeatherSet,
+    new_estimate,
+    processed,
+)
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import fire_of, landscape_of, weather_of
 from mission_service.fire.simulated_fire import simulated_weather
@@ -77,6 +85,13 @@ def test_the_weather_is_computed_again_only_after_a_change_of_the_files(path: Pa
     assert weather_of(scenario).entries[0].wind_speed_m_s == pytest.approx(12.0)
 
 
+def test_the_grids_of_an_atm_file_are_input_files(path: Path) -> None:
+    (path.parent / "wind.atm").write_text("WINDS\n7 1 1200 a_vel.asc a_ang.asc\n", encoding="ascii")
+    write_scenario(path.parent, TIFFS, CSV, POINT, '[wind_grids]\npath = "wind.atm"\n')
+    found = input_files(load_scenario(str(path)), {"wind_grids"})
+    assert [each.name for each in found] == ["wind.atm", "a_vel.asc", "a_ang.asc"]
+
+
 def test_errors_of_the_simulated_wind_apply_on_top_of_the_grids(path: Path) -> None:
     changes = ("simulation.fire.wind_factor=0.5", "simulation.fire.wind_turn_deg=90")
     entry = simulated_weather(load_scenario(str(path), changes)).entries[0]
@@ -124,12 +139,13 @@ def test_the_ensemble_of_the_estimate_burns_in_the_grids(path: Path) -> None:
     blown = weather.blown(8.0, 200.0, 1200.0)
     found = []
     for streams in ((weather, blown), (_of_mean(weather), _of_mean(blown))):
-        inputs = [Lit(0.0, 0.0, [LIT]), Images(900.0, ()), WeatherSet(1200.0, streams[1])]
+        images = Images(900.0, ())
+        inputs: list[Input] = [Lit(0.0, 0.0, [LIT]), images, WeatherSet(1200.0, streams[1])]
         estimate = processed(new_estimate(scenario, land, streams[0]), inputs)
         forecast = estimate.forecast(3600.0)
         found.append(forecast.burn_probability(3600.0))
     assert (found[0] > 0.5).sum() > 10
-    assert not np.array_equal(*found)
+    assert not np.array_equal(found[0], found[1])
 
 
 def test_a_file_that_cannot_be_used_is_one_line(path: Path, tmp_path: Path) -> None:
