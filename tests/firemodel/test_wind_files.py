@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.gridded_wind import WindStack, with_wind
+from firemodel.landscape.info import describe
 from firemodel.landscape.readers.wind_files import WindFiles, read_wind
 from firemodel.physics.rothermel import M_S_PER_MPH
 from firemodel.physics.weather import WeatherSource, WeatherStream, wind_20ft_from_10m
@@ -172,6 +173,18 @@ def test_an_atm_file(tmp_path: Path, units: str, m_s: float) -> None:
     np.testing.assert_allclose(toward(stack, 1), 10.0 * m_s, atol=1e-5)
     without_start = read_wind(WindFiles(path), LAND)
     assert without_start.at_s == (0.0, 7200.0, 14400.0)
+
+
+def test_an_atm_file_is_described(tmp_path: Path) -> None:
+    pair(tmp_path, "a", 20.0, 270.0)
+    pair(tmp_path, "b", 10.0, 180.0)
+    path = tmp_path / "wind.atm"
+    path.write_text(ATM.format(first="WINDS_AND_CLOUDS", units="METRIC"), encoding="ascii")
+    found = describe(path)
+    assert found["details"] == ["3 winds from 08-01 11:00 to 08-01 15:00, in kmh at 10m"]
+    (tmp_path / "b_ang.asc").unlink()
+    (problem,) = describe(path)["problems"]
+    assert problem.endswith("b_ang.asc: no such file")
 
 
 def test_an_atm_file_over_the_turn_of_the_year(tmp_path: Path) -> None:

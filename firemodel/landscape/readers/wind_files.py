@@ -29,7 +29,13 @@ from firemodel.landscape.readers.fuel_files import number, rows_of
 from firemodel.landscape.readers.inputs_files import time_of
 from firemodel.landscape.readers.weather_records import YEAR
 from firemodel.landscape.readers.wind_layers import Time, WindLayer, wind_layers
-from firemodel.landscape.readers.wind_placement import vectors_on
+from firemodel.landscape.readers.wind_placement import (
+    Placement,
+    WindGrid,
+    grid_of_wind,
+    placement_of,
+    vectors_at,
+)
 from firemodel.landscape.wind_options import Height, North, Unit
 from firemodel.physics.wind_field import WindGrids
 
@@ -111,10 +117,14 @@ def read_wind(
     last = min(sum(time_s < until_s for time_s in at_s), len(at_s) - 1)
     used = range(first, max(last, first) + 1)
     found = np.empty((len(used), 2, *landscape.shape), dtype=np.float32)
-    for place, each in enumerate(used):
+    places: dict[WindGrid, Placement] = {}
+    for count, each in enumerate(used):
         one, other, _ = pairs[each]
-        scale = scale_of(one, files)
-        found[place] = vectors_on(landscape, one, other, scale, files.crs, files.north)
+        scale, grid = scale_of(one, files), grid_of_wind(one, files.crs, files.north)
+        if grid not in places:
+            places = {grid: placement_of(landscape, grid, one.path)}
+        wind = vectors_at(places[grid], one, other, scale)
+        found[count] = wind.real, wind.imag
     return WindStack(tuple(at_s[each] for each in used), WindGrids(found))
 
 

@@ -1,8 +1,11 @@
 """Read the two bands of a wind and resample them to the grid of a landscape."""
 
 from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
@@ -22,37 +25,74 @@ CONTROL_POINTS = 17  # along each side of the landscape, at which the grid's nor
 TRUE_CRS = "EPSG:4326"
 
 
-def vectors_on(
-    landscape: Landscape,
-    one: WindLayer,
-    other: WindLayer,
-    scale: tuple[str, str],
-    crs: str | None,
-    north: str | None,
-) -> Floats:
-    """Return the wind on a landscape (2, y, x) in m/s at 20 ft, toward grid north and grid east.
+class WindGrid(NamedTuple):
+    """The grid of a wind's bands."""
+
+    crs: str
+    transform: Any  # affine.Affine from (column, row) of cell corners to x, y
+    shape: tuple[int, int]
+    true_north: bool  # True if directions are relative to true north
+
+
+class Placement(NamedTuple):
+    """The positions (y, x) of a landscape's cells in a grid, and the grid's north."""
+
+    rows: Floats
+    cols: Floats
+    north: NDArray[np.complex128] | complex  # cosine + i sine, clockwise from the landscape's north
+
+
+def grid_of_wind(layer: WindLayer, crs: str | None, north: str | None) -> WindGrid:
+    """Return the grid of a band.
 
     Args:
-        landscape: The landscape.
-        one: The band of the speed, or of u (toward east).
-        other: The band of the direction from which the wind blows, or of v (toward north).
-        scale: The unit and the height.
+        layer: The band.
         crs: The CRS, if the file contains none.
         north: "grid" or "true", or None for the north that the file states, by default the grid's.
 
     Raises:
+        FireModelError: The CRS is missing or contradicts the file, or the grid is not north-up.
+    """
+    true_north = layer.true_north if north is None else north == "true"
+    return WindGrid(_crs_of(layer, crs), layer.transform, layer.shape, true_north)
+
+
+def placement_of(landscape: Landscape, grid: WindGrid, path: Path) -> Placement:
+    """Return the placement of a landscape in a grid.
+
+    Raises FireModelError, whose message names the file ``path``, if the grid does not cover the
+    landscape.
+    """
+    positions = _positions(landscape, grid, path)
+    if not grid.true_north and same_crs(grid.crs, landscape.crs):
+        return Placement(*positions, 1.0 + 0.0j)
+    return Placement(*positions, _north_of(landscape, TRUE_CRS if grid.true_north else grid.crs))
+
+
+def vectors_at(
+    place: Placement, one: WindLayer, other: WindLayer, scale: tuple[str, str]
+) -> NDArray[np.complex128]:
+    """Return the wind (y, x) in m/s at 20 ft: toward the landscape's north + i toward its east.
+
+    Args:
+        place: The placement of the landscape in the grid of the bands.
+        one: The band of the speed, or of u (toward east).
+        other: The band of the direction from which the wind blows, or of v (toward north).
+        scale: The unit and the height.
+
+    Raises:
         FireModelError: The bands cannot be used; the message names band, cell and value.
     """
-    crs = _crs_of(one, crs)
     if (one.shape, one.transform, one.crs) != (other.shape, other.transform, other.crs):
         raise FireModelError(
             f"{other.label}: differs from {one.label} in shape, place or CRS; bring both onto one "
             "grid"
         )
-    to_north, to_east = _components(one, other, scale)
-    rows, cols = _positions(landscape, one, crs)
-    known = np.isfinite(to_north) & np.isfinite(to_east)
-    weight = bilinear(known.astype(np.float64), rows, cols)
+    wind = _components(one, other, scale)
+    known = np.isfinite(wind)
+    if known.all():
+        return np.asarray(bilinear(wind, place.rows, place.cols) * place.north)
+    weight = bilinear(known.astype(np.float64), place.rows, place.cols)
     missing: Mask = weight < MIN_KNOWN
     if missing.any():
         row, col = divmod(int(np.argmax(missing)), missing.shape[1])
@@ -60,13 +100,8 @@ def vectors_on(
             f"{one.label}: no wind at row {row}, column {col} of the landscape "
             f"({np.count_nonzero(missing)} such cells); fill the cells without data"
         )
-    to_north = bilinear(np.where(known, to_north, 0.0), rows, cols) / weight
-    to_east = bilinear(np.where(known, to_east, 0.0), rows, cols) / weight
-    true_north = one.true_north if north is None else north == "true"
-    if not true_north and same_crs(crs, landscape.crs):
-        return np.stack([to_north, to_east])
-    cos, sin = _north_of(landscape, TRUE_CRS if true_north else crs)
-    return np.stack([to_north * cos - to_east * sin, to_east * cos + to_north * sin])
+    found = bilinear(np.where(known, wind, 0.0), place.rows, place.cols) / weight
+    return np.asarray(found * place.north)
 
 
 def _crs_of(layer: WindLayer, given: str | None) -> str:
@@ -107,19 +142,19 @@ def _values(layer: WindLayer) -> Floats:
     return np.asarray(values * scale + offset)
 
 
-def _components(one: WindLayer, other: WindLayer, scale: tuple[str, str]) -> tuple[Floats, Floats]:
-    """Return the components (y, x) toward the north and the east of the bands, in m/s at 20 ft."""
+def _components(one: WindLayer, other: WindLayer, scale: tuple[str, str]) -> NDArray[np.complex128]:
+    """Return the wind (y, x) of two bands in m/s at 20 ft: toward their north + i toward east."""
     unit, height = scale
     m_s = M_S[unit] if height == "20ft" else float(wind_20ft_from_10m(M_S[unit]))
     first, second = _values(one), _values(other)
     if one.kind == "u":
         _check(one, first, -MAX_SPEED_M_S / m_s, MAX_SPEED_M_S / m_s, unit)
         _check(other, second, -MAX_SPEED_M_S / m_s, MAX_SPEED_M_S / m_s, unit)
-        return second * m_s, first * m_s
+        return np.asarray(m_s * (second + 1j * first))
     _check(one, first, 0.0, MAX_SPEED_M_S / m_s, unit)
     _check(other, second, 0.0, 360.0, "degrees")
     from_rad = np.deg2rad(np.where(first == 0.0, 0.0, second))  # calm air needs no direction
-    return -first * m_s * np.cos(from_rad), -first * m_s * np.sin(from_rad)
+    return np.asarray(-m_s * first * np.exp(1j * from_rad))
 
 
 def _check(layer: WindLayer, values: Floats, low: float, high: float, unit: str) -> None:
@@ -131,31 +166,31 @@ def _check(layer: WindLayer, values: Floats, low: float, high: float, unit: str)
         )
 
 
-def _positions(landscape: Landscape, layer: WindLayer, crs: str) -> tuple[Floats, Floats]:
-    """Return the positions (y, x) of a landscape's cells in a band, as float rows and columns."""
+def _positions(landscape: Landscape, grid: WindGrid, path: Path) -> tuple[Floats, Floats]:
+    """Return the positions (y, x) of a landscape's cells in a grid, as float rows and columns."""
     row, col = np.indices(landscape.shape)
     x, y = landscape.xy_of(row, col)
-    if not same_crs(crs, landscape.crs):
-        x, y = _to(landscape.crs, crs).transform(x, y)
-    rows, cols = layer.shape
-    if CRS.from_user_input(crs).is_geographic:  # longitudes may be from 0 to 360
-        middle = layer.transform.c + 0.5 * cols * layer.transform.a
+    if not same_crs(grid.crs, landscape.crs):
+        x, y = _to(landscape.crs, grid.crs).transform(x, y)
+    (rows, cols), transform = grid.shape, grid.transform
+    if CRS.from_user_input(grid.crs).is_geographic:  # longitudes may be from 0 to 360
+        middle = transform.c + 0.5 * cols * transform.a
         x = x + 360.0 * np.round((middle - x) / 360.0)
-    found_col = (x - layer.transform.c) / layer.transform.a - 0.5
-    found_row = (y - layer.transform.f) / layer.transform.e - 0.5
+    found_col = (x - transform.c) / transform.a - 0.5
+    found_row = (y - transform.f) / transform.e - 0.5
     low = -0.5 - BEYOND_CELLS
     inside = (found_row >= low) & (found_row <= rows - 1 - low)
     inside &= (found_col >= low) & (found_col <= cols - 1 - low)
     if not inside.all():
         raise FireModelError(
-            f"{layer.path}: covers {np.count_nonzero(inside):,} of {inside.size:,} cells of the "
+            f"{path}: covers {np.count_nonzero(inside):,} of {inside.size:,} cells of the "
             "landscape; give grids that cover the landscape, or correct the CRS"
         )
     return found_row, found_col
 
 
-def _north_of(landscape: Landscape, crs: str) -> tuple[Floats, Floats]:
-    """Return cosine and sine (y, x) of the north of a CRS, clockwise from grid north."""
+def _north_of(landscape: Landscape, crs: str) -> NDArray[np.complex128]:
+    """Return the north (y, x) of a CRS: cosine + i sine, clockwise from the landscape's north."""
     rows, cols = landscape.shape
     row, col = np.meshgrid(
         *(np.linspace(0.0, count - 1, CONTROL_POINTS) for count in (rows, cols)), indexing="ij"
@@ -171,7 +206,7 @@ def _north_of(landscape: Landscape, crs: str) -> tuple[Floats, Floats]:
         *(np.arange(count) * (last / max(count - 1, 1)) for count in (rows, cols)), indexing="ij"
     )
     found = bilinear(vector, *at)
-    return found.real / np.abs(found), found.imag / np.abs(found)
+    return np.asarray(found / np.abs(found))
 
 
 @lru_cache(maxsize=8)
