@@ -11,11 +11,13 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.layer_legends import (
     CROWN_FRACTION_LAYER,
+    CROWNING_WIND_LAYER,
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
     SPREAD_TOWARD_LAYER,
     STATE_LAYER,
+    TORCHING_WIND_LAYER,
     Layer,
     arrival_layer_of,
     fuel_layer,
@@ -23,6 +25,7 @@ from firemodel.outputs.layer_legends import (
 from firemodel.outputs.qgis_style_files import raster_qml
 from firemodel.outputs.whole_file import whole_file, write_whole
 from firemodel.spread.behaviour import behaviour_of
+from firemodel.spread.crown_winds import crown_winds_of
 from firemodel.spread.fire_scheme import Fire
 
 NO_VALUE = -1.0  # nodata value of float32 layers, which have no negative values
@@ -102,7 +105,8 @@ def write_rasters(
     Returns:
         The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,
         fireline_intensity_kw_m and, with crown fire, crown_fraction (float32; unburned cells have
-        -1), state and fuel_model (uint8).
+        -1), torching_wind_m_s and crowning_wind_m_s (``crown_winds``; float32, also in unburned
+        cells; -1 where no wind suffices), state and fuel_model (uint8).
 
     Raises:
         FireModelError: A file cannot be written.
@@ -118,7 +122,10 @@ def write_rasters(
         "fuel_model": (codes, fuel_layer(codes)),
     }
     if fire.rate_options.crown != "none":
+        winds = crown_winds_of(fire)
         layers["crown_fraction"] = (found.crown_fraction, CROWN_FRACTION_LAYER)
+        layers["torching_wind_m_s"] = (winds.torching_m_s, TORCHING_WIND_LAYER)
+        layers["crowning_wind_m_s"] = (winds.crowning_m_s, CROWNING_WIND_LAYER)
     paths = {}
     for name, (values, layer) in layers.items():
         paths[name] = Path(folder) / f"{name}.tif"

@@ -256,6 +256,18 @@ CROWN_FRACTION_LAYER = Layer(
         ("surface fire", "up to 10 %", "10–50 %", "50–90 %", "above 90 %"),
     ),
 )
+_WINDS = ranges(
+    [0.0, 3.0, 6.0, 9.0, 12.0, 18.0],
+    ("calm", "up to 3 m/s", "3–6 m/s", "6–9 m/s", "9–12 m/s", "12–18 m/s", "above 18 m/s"),
+)
+TORCHING_WIND_LAYER = Layer(
+    "torching index: least wind at 20 ft (6.1 m) at which the surface fire ignites crowns",
+    "m s-1",
+    _WINDS,
+)
+CROWNING_WIND_LAYER = Layer(
+    "crowning index: least wind at 20 ft (6.1 m) at which a crown fire is active", "m s-1", _WINDS
+)
 PROBABILITY_LAYER = Layer(
     "share of the simulated fires in which the cell burns",
     "1",

@@ -14,17 +14,20 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import check_increasing
 from firemodel.outputs.layer_legends import (
     CROWN_FRACTION_LAYER,
+    CROWNING_WIND_LAYER,
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
     SPREAD_TOWARD_LAYER,
     STATE_LAYER,
+    TORCHING_WIND_LAYER,
     Layer,
     after_zero,
     fuel_layer,
 )
 from firemodel.outputs.whole_file import whole_file, write_error
 from firemodel.spread.behaviour import behaviour_of
+from firemodel.spread.crown_winds import crown_winds_of
 from firemodel.spread.fire_scheme import Fire
 
 if TYPE_CHECKING:
@@ -53,7 +56,8 @@ def write_netcdf(
 
     The variables (y, x) are arrival_time, spread_rate, spread_toward, flame_length and
     fireline_intensity and, with crown fire, crown_fraction (float32, missing where nothing
-    burned), fuel_model, lat and lon; the
+    burned), torching_wind and crowning_wind (``crown_winds``; missing where no wind suffices),
+    fuel_model, lat and lon; the
     variables over time are state (time, y, x) and burned_area (time), the total area of burned
     cells. The first row is in the north. Without a calendar date the dimension time is named
     elapsed, because a time axis of the CF conventions requires a date. Equal fires give identical
@@ -130,7 +134,10 @@ def _add_behaviour(file: "Dataset", fire: Fire, time_zero: datetime | None) -> N
         "fireline_intensity": (found.intensity_kw_m, INTENSITY_LAYER),
     }
     if fire.rate_options.crown != "none":
+        winds = (np.where(np.isfinite(each), each, np.nan) for each in crown_winds_of(fire))
         layers["crown_fraction"] = (found.crown_fraction, CROWN_FRACTION_LAYER)
+        layers["torching_wind"] = (next(winds), TORCHING_WIND_LAYER)
+        layers["crowning_wind"] = (next(winds), CROWNING_WIND_LAYER)
     for name, (values, layer) in layers.items():
         _add_cells(file, name, values, {"long_name": layer.description, "units": layer.unit})
     codes = fire.landscape.fuel_model

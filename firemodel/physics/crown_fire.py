@@ -83,6 +83,52 @@ def crowning_wind_m_s(
     return math.pow(factor / wind_c, 1.0 / wind_b) / CROWN_MIDFLAME
 
 
+def cruz_crowning_wind_m_s(
+    critical_m_s: float, moisture_factor: float, bulk_density_kg_m3: float
+) -> float:
+    """Return the wind at 10 m at which ``cruz_active_rate_m_s`` reaches the critical rate."""
+    by_wind = math.pow(3.6, 0.90)
+    in_unit_wind = 11.02 / 60.0 * by_wind * math.pow(bulk_density_kg_m3, 0.19) * moisture_factor
+    return math.pow(critical_m_s / in_unit_wind, 1.0 / 0.90)
+
+
+def torching_wind_m_s(
+    initiation_m_s: float,
+    still_rate_m_s: float,
+    wind_b: float,
+    wind_c: float,
+    by_slope: float,
+    cos_upslope: float,
+    adjustment: float,
+) -> float:
+    """Return the wind at 20 ft at which the surface fire ignites crowns (Scott & Reinhardt 2001).
+
+    The wind is the torching index. It is 0 if crowns ignite without wind, and infinity if no wind
+    suffices. Effects of wind and slope are added as vectors, as in ``rothermel.fastest_spread``.
+
+    Args:
+        initiation_m_s: Rate of the surface fire at which crowns ignite.
+        still_rate_m_s: Rate of the surface fire without wind and slope.
+        wind_b: The exponent B of the fuel's wind factor.
+        wind_c: The coefficient C of that factor, for wind in m/s.
+        by_slope: The slope factor.
+        cos_upslope: Cosine of the angle between wind and upslope; 1 for wind that blows upslope.
+        adjustment: Ratio of midflame wind to wind at 20 ft.
+    """
+    if still_rate_m_s <= 0.0:
+        return math.inf
+    factor = initiation_m_s / still_rate_m_s - 1.0
+    if factor <= by_slope:
+        return 0.0
+    if wind_c <= 0.0 or adjustment <= 0.0:
+        return math.inf
+    # The positive root w of |w + s| = factor, for the slope's effect s.
+    along = by_slope * cos_upslope
+    across2 = by_slope * by_slope - along * along
+    by_wind = math.sqrt(factor * factor - across2) - along
+    return math.pow(by_wind / wind_c, 1.0 / wind_b) / adjustment
+
+
 def linked_crown_fraction(surface_m_s: float, initiation_m_s: float, full_m_s: float) -> float:
     """Return the crown fraction burned (Scott & Reinhardt 2001, eq. 28), from 0 to 1.
 

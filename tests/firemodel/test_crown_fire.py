@@ -23,6 +23,7 @@ from firemodel.physics.rothermel import FT_MIN_PER_M_S, KW_M_PER_BTU_FT_S, M_PER
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.crown_spread import WIND_B, WIND_C, crowning_wind_of, with_crowns
+from firemodel.spread.crown_winds import crown_winds_of, crowning_wind, torching_wind
 from firemodel.spread.local_spread import (
     CROWN,
     HEAT,
@@ -210,6 +211,70 @@ def test_a_landscape_without_canopy_layers_is_refused() -> None:
         firemodel.burn(bare, steady(), crown="cruz")
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("wind_from_deg", [270.0, 130.0])
+def test_crowns_ignite_and_carry_fire_from_the_indices_on(
+    method: CrownMethod, wind_from_deg: float
+) -> None:
+    """Just below the torching index crowns do not burn, just above it they do; on a slope too."""
+    land = forest(base_m=1.0, shape=(20, 20), density_kg_m3=0.1)
+    land = replace(land, gradient=np.full((2, 20, 20), 0.1, np.float32))
+    fire = new_fire("anyangle", land, steady(4.0, wind_from_deg), [], crown=method)
+    torching_m_s, crowning_m_s = (float(wind[3, 3]) for wind in crown_winds_of(fire))
+
+    def at(wind_m_s: float) -> tuple[float, float, float, float, float]:
+        return head(land, weather(wind_m_s, wind_from_deg), method)
+
+    assert 1.0 < torching_m_s < crowning_m_s < 40.0
+    assert at(0.9999 * torching_m_s)[4] == 0.0
+    assert at(1.0001 * torching_m_s)[4] > 0.0
+    critical_m_s = crown_fire.critical_rate_m_s(0.1)
+    if method != "scott_reinhardt":  # the rates jump at the crowning index
+        assert at(1.0001 * crowning_m_s)[0] == pytest.approx(critical_m_s, rel=1e-3)
+        assert at(0.9999 * crowning_m_s)[0] < 0.6 * critical_m_s
+    elif wind_from_deg == 270.0:
+        assert at(1.0001 * crowning_m_s)[4] == 1.0
+        assert 0.9 < at(0.999 * crowning_m_s)[4] < 1.0
+
+
+def test_the_torching_index_by_hand() -> None:
+    # φ = 3 is needed: w = 3, or 2 with an upslope of 1, or sqrt(8) with a slope across the wind.
+    inputs = {
+        "initiation_m_s": 0.4,
+        "still_rate_m_s": 0.1,
+        "wind_b": 2.0,
+        "wind_c": 0.5,
+        "adjustment": 0.4,
+    }
+    for by_slope, cos_upslope, by_wind in ((0.0, 0.0, 3.0), (1.0, 1.0, 2.0), (1.0, 0.0, 8**0.5)):
+        wind_m_s = crown_fire.torching_wind_m_s(
+            **inputs, by_slope=by_slope, cos_upslope=cos_upslope
+        )
+        assert wind_m_s == pytest.approx(math.sqrt(by_wind / 0.5) / 0.4)
+    calm = inputs | {"initiation_m_s": 0.15}
+    assert crown_fire.torching_wind_m_s(**calm, by_slope=0.5, cos_upslope=-1.0) == 0.0
+    never = inputs | {"still_rate_m_s": 0.0}
+    assert crown_fire.torching_wind_m_s(**never, by_slope=0.5, cos_upslope=1.0) == math.inf
+
+
+def test_cells_without_crowns_have_no_indices_and_the_driest_hour_counts() -> None:
+    land = forest(base_m=3.0)
+    assert land.canopy_bulk_density_kg_m3 is not None
+    land.canopy_bulk_density_kg_m3[:, 20:] = 0.0
+    land.fuel_model[0] = 99
+    dry = replace(weather(4.0, 270.0), at_s=3600.0, dead_1h_pct=3.0, dead_10h_pct=4.0)
+    stream = WeatherStream([weather(4.0, 270.0), dry])
+    found = []
+    for duration_s in (1800.0, 7200.0):
+        fire = new_fire("anyangle", land, stream, [], crown="rothermel")
+        fire.advance(duration_s)
+        found.append(crown_winds_of(fire))
+    for index in range(2):
+        assert np.isinf(found[0][index][:, 20:]).all()
+        assert np.isinf(found[0][index][0]).all()
+        assert (found[1][index][1:, :20] < found[0][index][1:, :20]).all()
+
+
 def inputs_of(row: dict[str, str], method: CrownMethod) -> tuple[Terrain, Tables, float]:
     """Return one cell with the inputs of a row of reference values, and its wind at 20 ft."""
 
@@ -255,6 +320,7 @@ def test_every_reference_row_of_behave_is_reproduced() -> None:
     with shared_file("fire_reference/crown_reference.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 100
+    indices = 0
     for row in rows:
         for method, name in (("rothermel", "roth"), ("scott_reinhardt", "sr")):
             terrain, tables, wind_m_s = inputs_of(row, method)  # type: ignore[arg-type]
@@ -295,10 +361,16 @@ def test_every_reference_row_of_behave_is_reproduced() -> None:
                 expected[f"{name}_final_flame_length_ft"] = float(flame(final_btu)) / M_PER_FT
             if kind == "torching" and name == "sr":
                 expected["sr_crown_fraction_burned"] = fraction
+            torching_m_s = torching_wind(0, 0, terrain, tables)
+            if name == "sr" and torching_m_s < 500.0 * rothermel.M_S_PER_MPH:
+                expected["derived_torching_wind_20ft_mph"] = torching_m_s / rothermel.M_S_PER_MPH
+            assert crowning_wind(0, 0, terrain, tables) == wind_full_m_s
+            indices += "derived_torching_wind_20ft_mph" in expected
             for column, value in expected.items():
                 if row[column]:
                     reference = pytest.approx(float(row[column]), rel=1e-6, abs=1e-6)
                     assert value == reference, (row["case_id"], method, column)
+    assert indices == sum(1 for row in rows if row["derived_torching_wind_20ft_mph"])
 
 
 def test_bulk_density_is_read_in_landfires_unit(tmp_path: Path) -> None:
@@ -322,11 +394,15 @@ def test_rasters_include_the_crown_fraction_if_crowns_are_computed(tmp_path: Pat
         fire = new_fire("anyangle", forest(), steady(9.0, 270.0), [(20, 20, 0.0)], crown=crown)
         fire.advance(600.0)
         paths = write_rasters(tmp_path, fire)
-        assert ("crown_fraction" in paths) == (crown == "cruz")
+        added = {"crown_fraction", "torching_wind_m_s", "crowning_wind_m_s"}
+        assert added & paths.keys() == (added if crown == "cruz" else set())
     with rasterio.open(paths["crown_fraction"]) as file:
         written = file.read(1)
     assert written[20, 20] == pytest.approx(behaviour_of(fire).crown_fraction[20, 20])
     assert written[0, 0] == -1.0
+    with rasterio.open(paths["torching_wind_m_s"]) as file:
+        assert (file.read(1) == crown_winds_of(fire).torching_m_s).all()
+        assert file.units == ("m s-1",)
 
 
 def test_members_of_an_ensemble_crown_like_their_fire() -> None:
