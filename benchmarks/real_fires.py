@@ -5,7 +5,8 @@ FIRE and its FOLDER, a checkout of a public repository unless stated otherwise:
 - sandiego: hahmed17/FARSITE_demo. FARSITE's own perimeters of a fire in San Diego County (2025)
   after 30, 60 and 90 minutes, from its landscape (.lcp), inputs file and ignition (Shapefile). The
   .lcp declares slopes in degrees, and FARSITE reads them so; according to the elevation they are in
-  percent.
+  percent. The weather is constant; a fire with the acceleration of a line source is therefore the
+  fire 200 s earlier (``firemodel.physics.acceleration``).
 - belgium: data/handson/Instances_Belgium of fire2a/C2F-W. Four fires of 2025 with mapped burned
 areas, ASCII grids of fuel and elevation, Cell2Fire's weather, and the moistures D2L2 of Scott &
 Burgan. The time of suppression is not known; the fire burns until the end of the weather.
@@ -45,6 +46,7 @@ from firemodel.landscape.readers.shapes import features_of, into_crs
 
 ALBERS = "EPSG:5070"
 BELGIUM = "EPSG:3812"
+LINE_LAG_S = 200.0  # time that a line source loses by acceleration
 D2L2 = """dead_1h_pct = 6
 dead_10h_pct = 7
 dead_100h_pct = 8
@@ -111,9 +113,9 @@ def place(x_m: float, y_m: float, crs: str) -> str:
 
 def san_diego(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
     """Yield the comparisons with FARSITE's perimeters, for both readings of the slope."""
-    name = folder / "tmp" / "0912a968d53d4a8a81ec57e3e2d79308"
-    theirs = [repaired(line) for line in features_of(Path(f"{name}_out_Perimeters.shp"))[0]]
-    (lit,) = features_of(Path(f"{name}_ignite.shp"))[0]
+    case = folder / "tmp" / "0912a968d53d4a8a81ec57e3e2d79308"
+    theirs = [repaired(line) for line in features_of(Path(f"{case}_out_Perimeters.shp"))[0]]
+    (lit,) = features_of(Path(f"{case}_ignite.shp"))[0]
     for unit, missing in (("degrees", "unburnable"), ("percent", "refuse")):
         fronts = run_fire(
             f"""name = "San Diego"
@@ -125,16 +127,19 @@ crs = "{ALBERS}"
 units = {{slope = "{unit}"}}
 missing = "{missing}"
 [weather_file]
-path = "{name}_config.cfg"
+path = "{case}_config.cfg"
 [fire]
-perimeter = "{name}_ignite.shp"
+perimeter = "{case}_ignite.shp"
 """,
-            1800.0,
+            LINE_LAG_S,
             ALBERS,
             changes,
         )
-        for (at_s, front), their in zip(fronts, theirs, strict=True):
-            yield Row(f"slope in {unit}, {at_s / 60:.0f} min", front, lit, their)
+        at = dict(fronts)
+        for name, lag_s in ((f"slope in {unit}", 0.0), ("  with acceleration", LINE_LAG_S)):
+            for number, their in enumerate(theirs, start=1):
+                front = at[1800.0 * number - lag_s]
+                yield Row(f"{name}, {30 * number} min", front, lit, their)
 
 
 def belgium(folder: Path, changes: Sequence[str]) -> Iterator[Row]:

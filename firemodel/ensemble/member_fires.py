@@ -82,14 +82,23 @@ class Start:
         arrival_s = np.where(burned[here], fire.arrival_time_s[here], np.inf)
         came_s = np.where(self._burned[here], np.inf, arrival_s)
         paths = np.ascontiguousarray(fire.arrival_vectors()[:, *here])
-        flame_m = self._flame_length_m(came_s, paths, here, draw)
+        share = np.broadcast_to(fire.rate_share(), burned.shape)[here]
+        flame_m = self._flame_length_m(came_s, paths, share, here, draw)
         after_s = (arrival_s - self.fire.time_s).astype(np.float32)
         return Window(here[0].start, here[1].start, after_s, flame_m)
 
     def _flame_length_m(
-        self, came_s: Floats, paths: Floats, here: tuple[slice, slice], draw: Draw
+        self,
+        came_s: Floats,
+        paths: Floats,
+        share: Floats,
+        here: tuple[slice, slice],
+        draw: Draw,
     ) -> NDArray[np.float32]:
-        """Return the flame length (y, x) in a window, NaN where fire did not arrive."""
+        """Return the flame length (y, x) in a window, NaN where fire did not arrive.
+
+        ``share`` is the ``rate_share`` of the member's fire.
+        """
         changed: Tables = perturbed(
             self._tables, 0, draw.wind_factor, draw.turn_deg, self.rate_factors(draw)
         )
@@ -101,6 +110,7 @@ class Start:
             window_of(self._terrain, self.fire.landscape.shape, here),
             changed._replace(terms=changed.terms[1:], wind=changed.wind[1:]),
         )
+        intensity = intensity * share.ravel()
         return np.asarray(flame_length_m(intensity, crown), np.float32).reshape(came_s.shape)
 
     def rate_factors(self, draw: Draw) -> Floats:

@@ -39,7 +39,8 @@ def behaviour_of(fire: Fire) -> Behaviour:
     The spread rate is normal to the front. This rate is computed from the cell's ellipse (Rothermel
     1972; Anderson 1983, INT-305) and the direction from which fire came. In an ignition cell the
     rate is that of the head. The intensity is Byram's. The flame length is after Byram 1959, where
-    crowns burn after Thomas 1963.
+    crowns burn after Thomas 1963. A fire with acceleration has the lower rate and intensity of its
+    age.
 
     Args:
         fire: A fire that has been advanced to the time of interest.
@@ -58,6 +59,8 @@ def behaviour_of(fire: Fire) -> Behaviour:
     rate, toward_deg, intensity, crown = front_behaviour(
         arrival_s, paths, began_s, heat, terrain, tables
     )
+    share = np.ravel(fire.rate_share())
+    rate, intensity = rate * share, intensity * share
     toward_deg = land.true_deg(toward_deg)
     found = (rate, toward_deg, intensity, flame_length_m(intensity, crown), crown)
     return Behaviour(*(np.asarray(part, np.float32).reshape(land.shape) for part in found))

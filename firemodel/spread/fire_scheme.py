@@ -1,7 +1,8 @@
 """Define the common base of all spread schemes: a burning fire, its states and its front."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -53,6 +54,7 @@ class Fire(ABC):
     start_area: StartArea | None  # area of an initial fire; None if the scheme has only cells
     arrival_time_s: Floats
     firebrands: "Firebrands | None" = None  # only in schemes with ``emits_firebrands``
+    _changes_s: list[float]  # times of the changes of weather, then infinity
 
     def __init__(
         self,
@@ -124,6 +126,18 @@ class Fire(ABC):
     def _entries_ahead(self, entries: tuple[Weather, ...]) -> tuple[Weather, ...]:
         return entries[max(sum(entry.at_s <= self.time_s for entry in entries) - 1, 0) :]
 
+    def on_clock(self, clock: Callable[[float], float]) -> Self:
+        """Return a copy whose weather changes at other times.
+
+        ``clock`` gives the time of a change, and must not change times that have passed.
+        """
+        found = self.copy()
+        found._changes_s = [clock(time_s) for time_s in self._changes_s]
+        # Of entries that begin at the same time, only the last has an effect.
+        entries = {clock(entry.at_s): entry for entry in self.weather.entries}
+        found.weather = WeatherStream([replace(each, at_s=at_s) for at_s, each in entries.items()])
+        return found
+
     def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most schemes are deterministic
         """Use another generator for random draws from now on."""
 
@@ -179,6 +193,10 @@ class Fire(ABC):
         """
         from_row, from_col = earliest_neighbour(self.arrival_time_s)
         return np.stack([from_row, -from_col]) * self.landscape.cell_size_m
+
+    def rate_share(self) -> float | Floats:
+        """Return the share (y, x) of its steady rate that the fire had at its arrival."""
+        return 1.0
 
     def _expected_s(self) -> Floats:
         """Return the arrival times (y, x), with expected times of unburned cells if known."""

@@ -30,13 +30,15 @@ class Firebrands:
     """The settings and the seed of a fire's firebrands.
 
     ``per_ha`` is the mean number of firebrands that land burning on receptive fuel, for each
-    hectare whose crowns burn completely. Cells that burned before ``from_s`` emit none.
+    hectare whose crowns burn completely. Cells that burned before ``from_s`` emit none. Spot fires
+    begin ``delay_s`` after the landing.
     """
 
     per_ha: float
     air_temperature_c: float
     seed: int | tuple[int, ...]
     from_s: float
+    delay_s: float = 0.0
 
     def spot_fires(
         self,
@@ -71,7 +73,8 @@ class Firebrands:
                     landscape, cell, fraction, flight, wind, rng
                 ):
                     if self._ignites(landscape, weather, arrival_s, (row, col), rng):
-                        at_s = max(float(arrival_s.ravel()[cell]) + distance_m / wind[0], span_s[1])
+                        lands_s = float(arrival_s.ravel()[cell]) + distance_m / wind[0]
+                        at_s = max(lands_s + self.delay_s, span_s[1])
                         found.append((row, col, at_s))
         return found
 

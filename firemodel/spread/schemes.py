@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from firemodel.errors import FireModelError
+from firemodel.physics.acceleration import POINT_PER_S
 
 if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape
@@ -33,13 +34,18 @@ class Scheme(NamedTuple):
     @property
     def settings(self) -> tuple[str, ...]:
         """The settings of ``new_fire``, which are also keys of a scenario's table [fire]."""
-        return (*self.arguments, *SPOTTING) if self.emits_firebrands else self.arguments
+        spotting = SPOTTING if self.emits_firebrands else ()
+        return (*self.arguments, *spotting, *(() if self.random else (ACCELERATION,)))
 
 
 CROWN = ("crown", "foliar_moisture_pct")
 # 50 firebrands for a burning cell of 30 m (Perryman et al. 2013), of which 1 % land on receptive
 # fuel, as the lowest usual "ignition frequency" in FARSITE.
 FIREBRANDS_PER_HA, AIR_TEMPERATURE_C = 5.0, 25.0
+ACCELERATION = "acceleration"
+# Spot fires are on the clock of the fire that emits them. Instead of accelerating, they begin later
+# by the time that a new fire loses in the end.
+SPOT_FIRE_DELAY_S = 1.0 / POINT_PER_S
 SPOTTING = ("spotting", "firebrands_per_ha", "air_temperature_c")
 SCHEMES: dict[SchemeName, Scheme] = {
     "anyangle": Scheme(
@@ -75,7 +81,8 @@ def new_fire(
         burning: An initial fire that the model continues.
         seed: Seed of the random generator, for schemes that use random numbers and for spotting.
         settings: The scheme's ``settings``, by name; omitted settings have their defaults.
-            ``spotting`` lets burning crowns emit ``firebrands_per_ha`` (``firebrands``).
+            ``spotting`` lets burning crowns emit ``firebrands_per_ha`` (``firebrands``). With
+            ``acceleration`` new fires accelerate (``accelerated_fire``).
 
     Returns:
         The fire, at 0 s or at the time of ``burning``.
@@ -91,12 +98,26 @@ def new_fire(
         settings["rng"] = np.random.default_rng(seed)
     names = [name for name in SPOTTING if name in settings and scheme.emits_firebrands]
     spotting = {name: settings.pop(name) for name in names}
-    firebrands = _firebrands(spotting, burning, seed, settings.get("crown", "none"))
-    fire: Fire = getattr(import_module(scheme.module), scheme.fire)(
-        landscape, weather, ignitions, burning, **settings
-    )
-    fire.firebrands = firebrands
-    return fire
+    accelerates = not scheme.random and settings.pop(ACCELERATION, False)
+    delay_s = SPOT_FIRE_DELAY_S if accelerates else 0.0
+    firebrands = _firebrands(spotting, burning, seed, settings.get("crown", "none"), delay_s)
+
+    def begun(lit: "Sequence[Ignition]", burning: "Burning | None") -> "Fire":
+        fire: Fire = getattr(import_module(scheme.module), scheme.fire)(
+            landscape, weather, lit, burning, **settings
+        )
+        fire.firebrands = firebrands
+        return fire
+
+    if not accelerates:
+        return begun(ignitions, burning)
+    from firemodel.spread.accelerated_fire import AcceleratedFire
+
+    unlit = begun([], None)
+    if burning is None:
+        return AcceleratedFire(unlit, ignitions)
+    unlit.advance(burning.at_s)
+    return AcceleratedFire(unlit, ignitions, begun([], burning), burning)
 
 
 def _firebrands(
@@ -104,6 +125,7 @@ def _firebrands(
     burning: "Burning | None",
     seed: int | tuple[int, ...],
     crown: "CrownMethod",
+    delay_s: float,
 ) -> "Firebrands | None":
     """Return the firebrands of a fire; None without spotting."""
     if not settings.get("spotting", False):
@@ -119,4 +141,5 @@ def _firebrands(
         settings.get("air_temperature_c", AIR_TEMPERATURE_C),
         seed,
         burning.at_s if burning else 0.0,
+        delay_s,
     )

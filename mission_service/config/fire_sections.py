@@ -174,12 +174,12 @@ class FireSection(Section):
     ``crown`` is the method by which crown fire is computed, for landscapes with canopy layers;
     ``foliar_moisture_pct`` is the moisture of the needles, on which the ignition of crowns depends.
     With ``spotting``, burning crowns emit ``firebrands_per_ha``, which may ignite fuel at
-    ``air_temperature_c``. ``perimeter`` is a file with polygons of the area that has burned by
-    ``burning_at_s``. ``perimeter_feature`` is the number of the only feature to use, if not all are
-    used. With ``repair_perimeter``, closed lines and invalid polygons become valid polygons.
-    ``arrival`` is a raster of arrival times. ``p_spread`` and ``update_s`` apply to the
-    probabilistic scheme. A fire of the probabilistic scheme can also start with ``initial_cells``
-    cells, which are grown from the ignitions.
+    ``air_temperature_c``. With ``acceleration``, new fires begin slowly. ``perimeter`` is a file
+    with polygons of the area that has burned by ``burning_at_s``. ``perimeter_feature`` is the
+    number of the only feature to use, if not all are used. With ``repair_perimeter``, closed lines
+    and invalid polygons become valid polygons. ``arrival`` is a raster of arrival times.
+    ``p_spread`` and ``update_s`` apply to the probabilistic scheme. A fire of the probabilistic
+    scheme can also start with ``initial_cells`` cells, which are grown from the ignitions.
     """
 
     scheme: SchemeName = "anyangle"
@@ -190,6 +190,7 @@ class FireSection(Section):
     spotting: bool = False
     firebrands_per_ha: Annotated[float, Field(ge=0, le=1000)] = FIREBRANDS_PER_HA
     air_temperature_c: Annotated[float, Field(ge=-40, le=60)] = AIR_TEMPERATURE_C
+    acceleration: bool = False
     perimeter: Path | None = None
     perimeter_feature: Annotated[int, Field(ge=1)] | None = None
     repair_perimeter: bool = False
@@ -209,6 +210,8 @@ class FireSection(Section):
                 raise ValueError(f"{name} has no effect without perimeter; leave it out")
         if self.crown != "none" and self.scheme == "probabilistic":
             raise ValueError('crown has no effect with scheme = "probabilistic"; leave it out')
+        if self.acceleration and self.scheme == "probabilistic":
+            raise ValueError('acceleration has no effect with scheme = "probabilistic"')
         if self.spotting and (self.crown == "none" or self.scheme != "anyangle"):
             raise ValueError('spotting requires crown and scheme = "anyangle"')
         if self.initial_cells is not None:

@@ -112,6 +112,8 @@ class Scenario(Section):
         _refuse_shared_ports(self.vehicles)
         if self.fire.initial_cells is not None and not self.ignition:
             raise ValueError("fire.initial_cells needs an ignition, from which the fire grows")
+        if self.fire.acceleration and self.burn is not None:
+            raise ValueError("fire.acceleration: not with [burn], which lights many fires")
         self.way.check(self)
         if self.surveillance is not None:
             _refuse_resolution(self, self.surveillance.resolution)

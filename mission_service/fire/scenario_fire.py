@@ -22,7 +22,7 @@ from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.simulate import cells_of_file
 from firemodel.spread.fire_scheme import BURNING, Burning, Fire, check_burning, check_ignitions
 from firemodel.spread.fire_scheme import Ignition as CellIgnition
-from firemodel.spread.schemes import SCHEMES, new_fire
+from firemodel.spread.schemes import ACCELERATION, SCHEMES, new_fire
 from mission_service.config.fire_sections import (
     FuelMoisture,
     Ignition,
@@ -303,16 +303,19 @@ def fire_of(scenario: Scenario, landscape: Landscape, weather: WeatherStream | N
     Raises ScenarioError if nothing burns.
     """
     require_fire(scenario)
-    return reported_fire(scenario, landscape, weather)
+    ignitions, burning = ignitions_of(scenario, landscape), burning_of(scenario, landscape)
+    stream, settings = weather or weather_of(scenario), settings_of(scenario)
+    return _fire(scenario, landscape, stream, ignitions, burning, **settings)
 
 
-def reported_fire(
-    scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None
-) -> Fire:
-    """Return the same fire as ``fire_of``, or a fire without burning cells if none is reported."""
-    ignitions = ignitions_of(scenario, landscape)
-    burning = burning_of(scenario, landscape)
-    return _fire(scenario, landscape, weather or weather_of(scenario), ignitions, burning)
+def reported_fire(scenario: Scenario, landscape: Landscape) -> Fire:
+    """Return the fire that is reported, for estimates; it may have no burning cells.
+
+    The fire has no acceleration, because the time of a real ignition is not known well.
+    """
+    ignitions, burning = ignitions_of(scenario, landscape), burning_of(scenario, landscape)
+    settings = _settings_of_estimates(scenario)
+    return _fire(scenario, landscape, weather_of(scenario), ignitions, burning, **settings)
 
 
 def require_fire(scenario: Scenario) -> None:
@@ -341,12 +344,13 @@ def begun_again(
     weather: WeatherStream,
     at_s: float,
 ) -> Fire:
-    """Return the fire of a scenario, restarted at ``at_s`` and with later ignitions.
+    """Return the ``reported_fire``, restarted at ``at_s`` and with later ignitions.
 
     ``burning`` is the state of the fire at that time, or None if nothing has burned.
     """
     later = [each for each in ignitions_of(scenario, landscape) if each[2] > at_s]
-    found = _fire(scenario, landscape, weather, later, burning)
+    settings = _settings_of_estimates(scenario)
+    found = _fire(scenario, landscape, weather, later, burning, **settings)
     found.advance(at_s)
     return found
 
@@ -375,9 +379,16 @@ def _fire(
     weather: WeatherStream,
     ignitions: list[CellIgnition],
     burning: Burning | None,
+    **settings: Any,
 ) -> Fire:
-    name, settings = scenario.fire.scheme, settings_of(scenario)
-    return new_fire(name, landscape, weather, ignitions, burning, seed=scenario.seed, **settings)
+    name, seed = scenario.fire.scheme, scenario.seed
+    return new_fire(name, landscape, weather, ignitions, burning, seed=seed, **settings)
+
+
+def _settings_of_estimates(scenario: Scenario) -> dict[str, Any]:
+    found = settings_of(scenario)
+    found.pop(ACCELERATION, None)
+    return found
 
 
 def settings_of(scenario: Scenario) -> dict[str, Any]:

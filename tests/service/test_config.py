@@ -69,6 +69,11 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ('scheme = "devs8"', 'perimeter = "missing.kml"', ["fire.perimeter", "no such file"]),
         ("seed = 1", 'weather_file = {path = "w.csv"}', ["either weather entries"]),
         ('scheme = "devs8"', "spotting = true", ["fire", "spotting requires crown"]),
+        (
+            'scheme = "devs8"',
+            'scheme = "probabilistic"\nacceleration = true',
+            ["fire", "acceleration has no effect"],
+        ),
         ('scheme = "devs8"', "firebrands_per_ha = 1001", ["firebrands_per_ha", "0 to 1000"]),
         ('scheme = "devs8"', "initial_cells = 9", ["fire", 'scheme = "probabilistic"']),
         (

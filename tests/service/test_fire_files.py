@@ -9,6 +9,8 @@ import rasterio
 import shapely
 
 from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.errors import ScenarioError
+from mission_service.fire.scenario_fire import fire_of, landscape_of, reported_fire
 from tests.firemodel.grids import write_raster
 from tests.firemodel.test_fuel_files import ENGLISH
 from tests.firemodel.test_perimeter_files import written
@@ -105,6 +107,26 @@ def test_crowns_burn_and_light_spot_fires_behind_a_barrier(tmp_path: Path) -> No
         burn(write_scenario(site, trees, windy, POINT, fire), out)
         over.append(int(np.count_nonzero(arrival_s(out)[:, 31:] >= 0)))
     assert over[0] == 0 < over[1]
+
+
+def test_new_fires_accelerate_but_not_in_the_estimate(tmp_path: Path) -> None:
+    site = write_site(tmp_path)
+    burned_ha = []
+    for number, keys in enumerate(("", "[fire]\nacceleration = true\n")):
+        path = write_scenario(site, TIFFS, CSV, POINT, keys)
+        burned_ha.append(burn(path, tmp_path / f"out{number}")["burned_area_ha"])
+    assert 0.0 < burned_ha[1] < 0.9 * burned_ha[0]
+    scenario = load_scenario(str(path))
+    ground = landscape_of(scenario)
+    reported = reported_fire(scenario, ground)
+    reported.advance(scenario.duration_s)
+    simulated = fire_of(scenario, ground)
+    simulated.advance(scenario.duration_s)
+    assert [round(each.front(each.time_s).area / 1e4, 2) for each in (reported, simulated)] == (
+        burned_ha
+    )
+    with pytest.raises(ScenarioError, match=r"fire.acceleration: not with \[burn\]"):
+        load_scenario("burn", ("fire.acceleration=true",))
 
 
 def test_a_daily_weather_file_needs_and_uses_its_wind(tmp_path: Path) -> None:

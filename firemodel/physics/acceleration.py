@@ -1,0 +1,49 @@
+"""Compute the acceleration of a new fire: its rate rises towards that of a large fire.
+
+McAlpine & Wakimoto (1989, For. Sci. 35, 1314-1337), as in the Canadian Forest Fire Behavior
+Prediction System (1992, ST-X-3, eq. 70) and in FARSITE (Finney 1998, RMRS-RP-4): the share of the
+rate at time t after the ignition is 1 - exp(-a t). Because the share depends only on time, the fire
+is where a fire without acceleration is after the time t - (1 - exp(-a t))/a.
+"""
+
+import math
+
+# The constant a, in 1/s: 90 % of the rate after 20 minutes, and after 8 minutes.
+POINT_PER_S = 0.115 / 60.0
+LINE_PER_S = 0.300 / 60.0
+NEWTON_STEPS = 60  # more than Newton's method needs
+
+
+def rate_share(since_s: float, per_s: float) -> float:
+    """Return the share of the rate at a time after the ignition, from 0 to 1.
+
+    Args:
+        since_s: Time since the ignition in s.
+        per_s: The constant a in 1/s.
+    """
+    return -math.expm1(-per_s * since_s)
+
+
+def steady_time_s(since_s: float, per_s: float) -> float:
+    """Return the time in s in which a fire without acceleration gets as far.
+
+    The arguments are those of ``rate_share``. After a long time the result is ``since_s`` - 1/a.
+    """
+    if since_s == math.inf:
+        return since_s
+    return since_s + math.expm1(-per_s * since_s) / per_s
+
+
+def time_since_s(steady_s: float, per_s: float) -> float:
+    """Return the time since the ignition in s, the inverse of ``steady_time_s``."""
+    if not 0.0 < steady_s < math.inf:
+        return steady_s
+    goal = per_s * steady_s
+    # Solve x - 1 + exp(-x) = goal; the function is convex and the start is not below the solution.
+    x = goal + min(1.0, math.sqrt(2.0 * goal))
+    for _ in range(NEWTON_STEPS):
+        lower = x - (x + math.expm1(-x) - goal) / -math.expm1(-x)
+        if not lower < x:
+            break
+        x = lower
+    return x / per_s
