@@ -43,7 +43,7 @@ from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
-from firemodel.spread.fire_scheme import Burning, Ignition
+from firemodel.spread.fire_scheme import Burning, Closing, Ignition
 from firemodel.spread.local_spread import burnable_codes
 
 BARRIER = 99  # fuel code of held cells
@@ -79,6 +79,7 @@ class FireEstimate:
         settings: EstimateSettings | None = None,
         *,
         burning: Burning | None = None,
+        closings: Sequence[Closing] = (),
         **scheme_settings: Any,
     ) -> None:
         """Begin an estimate.
@@ -90,6 +91,7 @@ class FireEstimate:
                 estimate begins with the first mapped perimeter.
             settings: The ensemble.
             burning: A known initial fire, if there is one.
+            closings: Cells that cannot burn from a time on (``control_lines``).
             scheme_settings: Settings of AnyAngleFire, such as ``wind_limit`` or ``crown``.
 
         Raises:
@@ -99,7 +101,7 @@ class FireEstimate:
         if own.members < 2:
             raise FireModelError(f"members = {own.members}: an estimate needs at least 2")
         self.landscape, self.weather, self.time_s = landscape, weather, 0.0
-        self._scheme_settings = scheme_settings
+        self._scheme_settings, self._closings = scheme_settings, tuple(closings)
         self.model = self._unlit(landscape)  # the members start from it
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._rng = np.random.default_rng((own.seed, 1))
@@ -120,7 +122,9 @@ class FireEstimate:
 
     def _unlit(self, landscape: Landscape) -> AnyAngleFire:
         """Return a fire without burned cells, in the reported weather."""
-        return AnyAngleFire(landscape, self.weather, [], **self._scheme_settings)
+        found = AnyAngleFire(landscape, self.weather, [], **self._scheme_settings)
+        found.hold(self._closings)
+        return found
 
     def _begin_at(self, ignitions: Sequence[Ignition]) -> None:
         """Begin with ignitions, at the time of the last one."""

@@ -79,6 +79,40 @@ def with_barriers(
     return replace(landscape, fuel_model=fuel)
 
 
+def cells_along(line: BaseGeometry, landscape: Landscape) -> tuple[NDArray[np.int64], Floats]:
+    """Return the cells of a line, and a length of the line at which it has left each cell.
+
+    The cells are those of ``cells_of``. The lengths are up to the middle of the line's way through
+    the next cell.
+
+    Args:
+        line: A LineString in the landscape's CRS.
+        landscape: The grid.
+
+    Returns:
+        The cells (k), as indices of flattened cells, and the lengths (k) in m on the map. Of
+        several visits to a cell, the first one counts.
+    """
+    rows, cols = landscape.shape
+    points = _steps(_col_row(line, landscape))
+    chain = np.floor(points).astype(np.int64)
+    steps_m = landscape.cell_size_m * np.hypot(*np.diff(points, axis=0).T)
+    at_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+    enters = np.concatenate([[True], (chain[1:] != chain[:-1]).any(axis=1)])
+    first = np.flatnonzero(enters)
+    exits_m = np.append(at_m[first[1:]], at_m[-1])
+    visits = chain[first]
+    joints = np.stack([visits[1:, 0], visits[:-1, 1]], axis=1)  # cells that adjoin both
+    diagonal = (visits[1:] != visits[:-1]).all(axis=1)
+    col, row = np.concatenate([visits, joints[diagonal]]).T
+    lengths_m = np.concatenate([exits_m, exits_m[:-1][diagonal]])
+    on = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+    found = np.full(rows * cols, np.inf)
+    np.minimum.at(found, row[on] * cols + col[on], lengths_m[on])
+    cells = np.flatnonzero(found < np.inf)
+    return cells, found[cells]
+
+
 def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
     """Yield the points, lines and polygons of geometries, including those in collections."""
     for geometry in geometries:

@@ -114,6 +114,10 @@ class AcceleratedFire(Fire):
         for fire in (self._unlit, *(each.fire for each in self._fires)):
             fire.perturb(wind_factor, turn_deg, spread_factor)
 
+    def _close(self, cells: Mask) -> None:
+        for fire in (self._unlit, *(each.fire for each in self._fires)):
+            fire._close(cells)
+
     def weather_ahead(self) -> tuple[Weather, ...]:
         return self._unlit.weather_ahead()
 

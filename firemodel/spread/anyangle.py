@@ -61,6 +61,7 @@ from firemodel.spread.labels import (
     Queue,
     Tips,
     at_centres,
+    by_cells,
     empty_labels,
     empty_paths,
     empty_points,
@@ -86,6 +87,7 @@ from firemodel.spread.travel_time import (
     Ground,
     clear_slowness,
     ground_of,
+    with_closed,
     with_rate_factor,
     with_tables,
     with_weather_of,
@@ -367,7 +369,8 @@ class AnyAngleFire(Fire):
             self._points = Points(at, np.resize(beside, (size, 2)))
 
     def _ignite(self, at_s: float, row: int, col: int) -> None:
-        if self.arrival_time_s[row, col] < np.inf:
+        cell = row * self.landscape.shape[1] + col
+        if self.arrival_time_s[row, col] < np.inf or self._ground.terrain.fuel[cell] < 0:
             return
         self._make_room(IGNITION_ROOM)
         paths = empty_paths(IGNITION_ROOM)
@@ -414,6 +417,32 @@ class AnyAngleFire(Fire):
             self._ground = with_rate_factor(self._ground, self._new_rate_factor)
             self._new_rate_factor = None
         self._entry += 1
+        self._since_s = at_s
+        self._start_paths(paths, tips, first)
+
+    def _close(self, cells: Mask) -> None:
+        at_s, labels, lattice = self.time_s, self._labels, self._lattice
+        here, nodes, part = _around(cells, lattice)  # only nodes beside the cells are blocked
+        best_s = by_cells(labels.best_s, lattice)[nodes]
+        can_burn = (self._ground.terrain.fuel.reshape(cells.shape) >= 0) & ~cells
+        never = empty_labels(can_burn[here], part).best_s == -np.inf
+        blocked = by_cells(never & nodes_beside(cells[here], part), part) & (best_s > at_s)
+        near = by_cells(nodes_beside(_widened(_widened(cells[here])), part), part)
+        prepared = ~np.isnan(self._ground.slowness[::4][cells.ravel()])
+        if not (prepared.any() or np.isfinite(best_s[near]).any()):  # the front is not near
+            best_s[blocked] = -np.inf
+            self._ground = with_closed(self._ground, cells.ravel())
+            return
+        paths, tips = self._active_paths(at_s)
+        ends = np.zeros(labels.source.size, dtype=bool)
+        by_cells(ends, lattice)[nodes] = blocked
+        labels.best_s[ends], labels.source[ends] = -np.inf, -1
+        open_paths = ~ends[paths.target]
+        paths = ActivePaths(paths.target[open_paths], paths.at[open_paths])
+        tips = tips_with(tips, ~ends[tips.target], paths)
+        first = self._add_front(at_s, paths, tips)
+        clear_slowness(self._ground)
+        self._ground = with_closed(self._ground, cells.ravel())
         self._since_s = at_s
         self._start_paths(paths, tips, first)
 
@@ -473,6 +502,21 @@ class AnyAngleFire(Fire):
 def _widened(cells: Mask) -> Mask:
     """Return a mask (y, x) extended by the eight neighbours of each cell."""
     return cells | neighbours_of(cells)
+
+
+def _around(
+    cells: Mask, lattice: Lattice
+) -> tuple[tuple[slice, slice], tuple[slice, slice], Lattice]:
+    """Return a window around cells: the slices of its cells and nodes, and its lattice."""
+    rows, cols = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
+    top, left = max(int(rows[0]) - 4, 0), max(int(cols[0]) - 4, 0)
+    end, right = min(int(rows[-1]) + 5, lattice.rows), min(int(cols[-1]) + 5, lattice.cols)
+    part = lattice._replace(rows=end - top, cols=right - left)
+    here, nodes = (
+        (slice(top, end), slice(left, right)),
+        (slice(top, end + 1), slice(left, right + 1)),
+    )
+    return here, nodes, part
 
 
 def _within(cells: Mask, at: Floats) -> Mask:

@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics import CrownMethod
@@ -151,6 +151,11 @@ class Devs8Fire(Fire):
             if self._heap.size == 0 or self._heap.times[0] > to_time_s:
                 return
 
+    def _close(self, cells: Mask) -> None:
+        terrain = self._ground.terrain
+        fuel = np.where(cells.ravel(), np.int16(-1), terrain.fuel)
+        self._ground = self._ground._replace(terrain=terrain._replace(fuel=fuel))
+
     def _change_weather(self, at_s: float) -> None:
         before, halted = self._heap, self._halted
         room = before.size + halted.size
@@ -182,8 +187,8 @@ class Devs8Fire(Fire):
     def _expected_s(self) -> Floats:
         times, keys, size = self._heap
         cells, sides = np.divmod(keys[:size], SIDES)
-        coming = sides != LIT
         targets = cells + STEP_ROW[sides] * self._ground.cols + STEP_COL[sides]
+        coming = (sides != LIT) & (self._ground.terrain.fuel[targets] >= 0)
         expected_s = self._arrival_s.copy()
         np.minimum.at(expected_s, targets[coming], times[:size][coming])
         return expected_s.reshape(self.landscape.shape)

@@ -122,7 +122,7 @@ def burn_until(to_time_s, arrival_s, heap, halted, ground, entry):  # type: igno
         heap_size = drop_first(times, keys, heap_size)
         cell, side = key // SIDES, key % SIDES
         target = cell + STEP_ROW[side] * ground.cols + STEP_COL[side]
-        if arrival_s[target] < np.inf:
+        if arrival_s[target] < np.inf or ground.terrain.fuel[target] < 0:
             continue
         head = head_of(target, entry, ground.terrain, ground.tables)
         if side != LIT and not _passes(target, head[0], ground, entry):
@@ -148,7 +148,8 @@ def change_rates(now, before, halted_before, arrival_s, heap, halted, ground, en
         moving = place < before.size
         key = before.keys[place] if moving else halted_before.keys[place - before.size]
         cell, side = key // SIDES, key % SIDES
-        if arrival_s[cell + STEP_ROW[side] * ground.cols + STEP_COL[side]] < np.inf:
+        target = cell + STEP_ROW[side] * ground.cols + STEP_COL[side]
+        if arrival_s[target] < np.inf or terrain.fuel[target] < 0:
             continue
         if side == LIT:
             heap_size = push(heap.times, heap.keys, heap_size, before.times[place], key)

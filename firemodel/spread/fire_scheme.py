@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -40,6 +40,13 @@ class StartArea(NamedTuple):
     at_s: float
 
 
+class Closing(NamedTuple):
+    """Cells that cannot burn from a time on, such as a piece of a control line."""
+
+    at_s: float
+    cells: NDArray[np.int64]  # (k) indices of flattened cells
+
+
 class Fire(ABC):
     """A burning fire; its time in seconds only increases.
 
@@ -55,6 +62,8 @@ class Fire(ABC):
     arrival_time_s: Floats
     firebrands: "Firebrands | None" = None  # only in schemes with ``emits_firebrands``
     _changes_s: list[float]  # times of the changes of weather, then infinity
+    _closings: tuple[Closing, ...] = ()  # later closings, in order of time
+    _closed: tuple[Closing, ...] = ()  # closings that have taken effect, and the closed cells
 
     def __init__(
         self,
@@ -84,8 +93,34 @@ class Fire(ABC):
                 f"the fire is at {self.time_s} s and cannot advance to {to_time_s} s; "
                 "give a later, finite time"
             )
+        while self._closings and self._closings[0].at_s <= to_time_s:
+            at_s = max(self._closings[0].at_s, self.time_s)
+            self._burn_until(at_s)
+            self.time_s = at_s
+            self._close_by(at_s)
         self._burn_until(float(to_time_s))
         self.time_s = float(to_time_s)
+
+    def hold(self, closings: Sequence[Closing]) -> None:
+        """Make cells unburnable at the given times; cells that burn by then do not change."""
+        self._closings = tuple(sorted((*self._closings, *closings), key=lambda each: each.at_s))
+        self.advance(self.time_s)
+
+    def _close_by(self, at_s: float) -> None:
+        count = sum(each.at_s <= at_s for each in self._closings)
+        due, self._closings = self._closings[:count], self._closings[count:]
+        cells = np.unique(np.concatenate([each.cells for each in due]))
+        can_burn = ~np.isin(self.landscape.fuel_model.ravel()[cells], list(NON_BURNABLE))
+        cells = cells[can_burn & (self.arrival_time_s.ravel()[cells] > at_s)]
+        if cells.size:
+            self._closed = (*self._closed, Closing(at_s, cells))
+            mask = np.zeros(self.landscape.fuel_model.size, dtype=bool)
+            mask[cells] = True
+            self._close(mask.reshape(self.landscape.shape))
+
+    @abstractmethod
+    def _close(self, cells: Mask) -> None:
+        """Make unburned cells (y, x) unburnable at ``time_s``."""
 
     @abstractmethod
     def _light(self, ignition: Ignition) -> None: ...
@@ -170,6 +205,9 @@ class Fire(ABC):
         """
         self._check_past(time_s)
         cannot = np.isin(self.landscape.fuel_model, list(NON_BURNABLE))
+        for closing in self._closed:
+            if closing.at_s <= time_s:
+                cannot.ravel()[closing.cells] = True
         burned = self.arrival_time_s <= time_s
         fresh = neighbours_of(~burned & ~cannot)
         state = np.where(burned, np.where(fresh, BURNING, BURNED), UNBURNED)

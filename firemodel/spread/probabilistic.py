@@ -29,7 +29,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -140,8 +140,11 @@ class ProbabilisticFire(Fire):
             else:
                 self._ignite(*self._ignitions.pop())
 
+    def _close(self, cells: Mask) -> None:
+        self._can_burn = self._can_burn & ~cells
+
     def _ignite(self, at_s: float, row: int, col: int) -> None:
-        if self.arrival_time_s[row, col] == np.inf:
+        if self.arrival_time_s[row, col] == np.inf and self._can_burn[row, col]:
             self.arrival_time_s[row, col] = at_s
             self._cells = np.append(self._cells, row * self.landscape.shape[1] + col)
             self._lasted = np.append(self._lasted, 0)

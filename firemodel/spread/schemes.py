@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape
     from firemodel.physics import CrownMethod
     from firemodel.physics.weather import WeatherStream
-    from firemodel.spread.fire_scheme import Burning, Fire, Ignition
+    from firemodel.spread.fire_scheme import Burning, Closing, Fire, Ignition
     from firemodel.spread.firebrands import Firebrands
 
 SchemeName = Literal["anyangle", "devs8", "probabilistic"]
@@ -69,6 +69,7 @@ def new_fire(
     burning: "Burning | None" = None,
     *,
     seed: int | tuple[int, ...] = 0,
+    closings: "Sequence[Closing]" = (),
     **settings: Any,
 ) -> "Fire":
     """Create a fire that spreads by a scheme.
@@ -80,6 +81,7 @@ def new_fire(
         ignitions: (row, column, time in s) of each cell that is lit.
         burning: An initial fire that the model continues.
         seed: Seed of the random generator, for schemes that use random numbers and for spotting.
+        closings: Cells that cannot burn from a time on (``control_lines``).
         settings: The scheme's ``settings``, by name; omitted settings have their defaults.
             ``spotting`` lets burning crowns emit ``firebrands_per_ha`` (``firebrands``). With
             ``acceleration`` new fires accelerate (``accelerated_fire``).
@@ -109,15 +111,18 @@ def new_fire(
         fire.firebrands = firebrands
         return fire
 
-    if not accelerates:
-        return begun(ignitions, burning)
-    from firemodel.spread.accelerated_fire import AcceleratedFire
+    if accelerates:
+        from firemodel.spread.accelerated_fire import AcceleratedFire
 
-    unlit = begun([], None)
-    if burning is None:
-        return AcceleratedFire(unlit, ignitions)
-    unlit.advance(burning.at_s)
-    return AcceleratedFire(unlit, ignitions, begun([], burning), burning)
+        unlit, old = begun([], None), None
+        if burning is not None:
+            unlit.advance(burning.at_s)
+            old = begun([], burning)
+        found: Fire = AcceleratedFire(unlit, ignitions, old, burning)
+    else:
+        found = begun(ignitions, burning)
+    found.hold(closings)
+    return found
 
 
 def _firebrands(

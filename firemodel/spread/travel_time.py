@@ -81,6 +81,36 @@ def with_weather_of(ground: Ground, model: Ground, tables: Tables) -> Ground:
     return ground._replace(terrain=terrain, tables=tables, reach=reach)
 
 
+def with_closed(ground: Ground, cells: NDArray[np.bool_]) -> Ground:
+    """Return a ``Ground`` in which further cells (n) cannot burn; as in ``with_rate_factor``."""
+    fuel = np.where(cells, np.int16(-1), ground.terrain.fuel)
+    reach = ground.reach.copy()
+    _lower_reach(reach, np.flatnonzero(cells), ground.cols)
+    return ground._replace(terrain=ground.terrain._replace(fuel=fuel), reach=reach)
+
+
+@kernel
+def _lower_reach(reach, changed, cols):  # type: ignore[no-untyped-def]
+    """Limit ``reach`` to the distance from the cells ``changed`` and their neighbours.
+
+    The reach of neighbouring cells differs by at most 1. If no cell of a ring around a changed cell
+    is limited, none of the next ring is.
+    """
+    rows = reach.size // cols
+    for cell in changed:
+        row, col = cell // cols, cell % cols
+        for ring in range(max(rows, cols)):
+            limit, lowered = max(ring - 1, 0), False
+            for to_row in range(max(row - ring, 0), min(row + ring + 1, rows)):
+                step = 1 if abs(to_row - row) == ring else max(2 * ring, 1)
+                for to_col in range(col - ring, col + ring + 1, step):
+                    if 0 <= to_col < cols and reach[to_row * cols + to_col] > limit:
+                        reach[to_row * cols + to_col] = limit
+                        lowered = True
+            if ring > 1 and not lowered:
+                break
+
+
 @compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
     """Return each cell's chessboard distance to the nearest cell with a different neighbour.

@@ -167,6 +167,26 @@ class Ignition(Section):
         return self
 
 
+class SuppressionLine(Section):
+    """A control line, given by points or by the lines in a file.
+
+    The construction begins at mission time ``at_s`` and advances by ``rate_m_h``; without a rate
+    the line is complete at ``at_s``. ``points`` are latitude and longitude. Of polygons in a file,
+    the outlines are built.
+    """
+
+    points: Annotated[tuple[tuple[Latitude, Longitude], ...], Field(min_length=2)] | None = None
+    file: Path | None = None
+    at_s: NotNegative = 0.0
+    rate_m_h: Annotated[float, Field(gt=0, le=1e5)] | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "SuppressionLine":
+        if (self.points is None) == (self.file is None):
+            raise ValueError("give either points or file")
+        return self
+
+
 class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 

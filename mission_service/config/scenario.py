@@ -27,6 +27,7 @@ from mission_service.config.fire_sections import (
     Ignition,
     LandscapeSection,
     SimulationSection,
+    SuppressionLine,
     WeatherEntry,
     WeatherFile,
 )
@@ -88,6 +89,7 @@ class Scenario(Section):
     weather_file: WeatherFile | None = None
     wind_grids: WindGridsSection | None = None
     ignition: tuple[Ignition, ...] = ()
+    suppression: tuple[SuppressionLine, ...] = ()
     vehicles: tuple[VehicleSection, ...] = ()
     only: str | None = None
     planner: PlannerSection = PlannerSection()

@@ -19,7 +19,13 @@ from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
 from firemodel.spread.schemes import SCHEMES
 from mission_service.config.scenario import Scenario
-from mission_service.fire.scenario_fire import burning_of, estimate_errors, ignitions_of, weather_of
+from mission_service.fire.scenario_fire import (
+    burning_of,
+    closings_of,
+    estimate_errors,
+    ignitions_of,
+    weather_of,
+)
 
 if TYPE_CHECKING:
     from firemodel.assimilation.fire_estimate import FireEstimate
@@ -213,6 +219,7 @@ def new_estimate(
             scenario.estimate.members, scenario.seed, estimate_errors(scenario)
         ),
         burning=burning,
+        closings=closings_of(scenario, landscape),
         **{each: getattr(scenario.fire, each) for each in SCHEMES["anyangle"].arguments},
     )
 

@@ -1,5 +1,6 @@
 """Create the landscape, the weather and the fire of a scenario."""
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -10,6 +11,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
+from firemodel.errors import FireModelError
 from firemodel.input_warnings import FireInputs, input_warnings, time_zero_warnings
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
@@ -20,7 +22,14 @@ from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.simulate import cells_of_file
-from firemodel.spread.fire_scheme import BURNING, Burning, Fire, check_burning, check_ignitions
+from firemodel.spread.fire_scheme import (
+    BURNING,
+    Burning,
+    Closing,
+    Fire,
+    check_burning,
+    check_ignitions,
+)
 from firemodel.spread.fire_scheme import Ignition as CellIgnition
 from firemodel.spread.schemes import ACCELERATION, SCHEMES, new_fire
 from mission_service.config.fire_sections import (
@@ -335,6 +344,7 @@ def check_fire(scenario: Scenario, landscape: Landscape) -> None:
         check_burning(burning, landscape)
         at_s = burning.at_s
     check_ignitions(landscape, ignitions_of(scenario, landscape), at_s)
+    closings_of(scenario, landscape)
 
 
 def begun_again(
@@ -373,6 +383,27 @@ def ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]
     return ignitions
 
 
+def closings_of(scenario: Scenario, landscape: Landscape) -> list[Closing]:
+    """Return the closings of the control lines of a scenario."""
+    if not scenario.suppression:
+        return []
+    from firemodel.landscape.readers.shapes import read_shapes
+    from firemodel.spread.control_lines import closings_along
+
+    found = []
+    for number, each in enumerate(scenario.suppression):
+        if each.file is not None:
+            lines = read_shapes(each.file, landscape)
+        else:
+            assert each.points is not None
+            lines = [shapely.LineString(landscape.xy_of_places(each.points))]
+        try:
+            found += closings_along(lines, landscape, each.at_s, each.rate_m_h or math.inf)
+        except FireModelError as error:
+            raise ScenarioError(f"{scenario.name}: suppression.{number}: {error}") from None
+    return found
+
+
 def _fire(
     scenario: Scenario,
     landscape: Landscape,
@@ -382,7 +413,10 @@ def _fire(
     **settings: Any,
 ) -> Fire:
     name, seed = scenario.fire.scheme, scenario.seed
-    return new_fire(name, landscape, weather, ignitions, burning, seed=seed, **settings)
+    closings = closings_of(scenario, landscape)
+    return new_fire(
+        name, landscape, weather, ignitions, burning, seed=seed, closings=closings, **settings
+    )
 
 
 def _settings_of_estimates(scenario: Scenario) -> dict[str, Any]:

@@ -28,11 +28,12 @@ from firemodel.outputs.layer_legends import (
 from firemodel.outputs.whole_file import write_whole
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.edge import BEYOND_EDGE, reaches_edge
-from firemodel.spread.fire_scheme import Burning, Ignition, check_ignitions
+from firemodel.spread.fire_scheme import Burning, Closing, Ignition, check_ignitions
 from firemodel.spread.schemes import SchemeName, new_fire
 from mission_service.config.scenario import Scenario
 from mission_service.fire.scenario_fire import (
     burning_of,
+    closings_of,
     ignitions_of,
     landscape_of,
     require_fire,
@@ -70,6 +71,7 @@ class Job:
     weather: WeatherStream
     burning: Burning | None
     ignitions: tuple[Ignition, ...]
+    closings: tuple[Closing, ...]
     scheme: SchemeName
     settings: dict[str, Any]
     uncertainty: Uncertainty
@@ -87,6 +89,7 @@ class Job:
             [],
             self.burning,
             seed=self.seed,
+            closings=self.closings,
             **self.settings,
         )
         return Start(fire, self.ignitions)
@@ -112,6 +115,7 @@ def job_of(scenario: Scenario, count: int) -> Job:
         weather_of(scenario),
         burning,
         tuple(ignitions),
+        tuple(closings_of(scenario, landscape)),
         scenario.fire.scheme,
         settings_of(scenario),
         uncertainty_of(scenario),

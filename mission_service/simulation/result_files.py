@@ -42,7 +42,7 @@ DAMAGE: tuple[type[Exception], ...] = (
 
 # The tables of a scenario on which its fire depends.
 USED = {"name", "seed", "time_zero", "duration_s", "landscape", "fire", "ensemble", "ignition"}
-USED |= {"weather", "weather_file", "wind_grids", "burn"}
+USED |= {"weather", "weather_file", "wind_grids", "burn", "suppression"}
 
 
 def recipe_of(scenarios: Sequence[Scenario]) -> Recipe:

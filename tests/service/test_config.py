@@ -74,6 +74,12 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
             'scheme = "probabilistic"\nacceleration = true',
             ["fire", "acceleration has no effect"],
         ),
+        ("seed = 1", "suppression = [{at_s = 1}]", ["suppression.0", "either points or file"]),
+        (
+            "seed = 1",
+            "suppression = [{points = [[36.0, -84.0], [36.0, -84.1]], rate_m_h = 0}]",
+            ["suppression.0.rate_m_h", "above 0"],
+        ),
         ('scheme = "devs8"', "firebrands_per_ha = 1001", ["firebrands_per_ha", "0 to 1000"]),
         ('scheme = "devs8"', "initial_cells = 9", ["fire", 'scheme = "probabilistic"']),
         (

@@ -10,7 +10,13 @@ import shapely
 
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.errors import ScenarioError
-from mission_service.fire.scenario_fire import fire_of, landscape_of, reported_fire
+from mission_service.fire.run_ensemble import new_estimate
+from mission_service.fire.scenario_fire import (
+    fire_of,
+    landscape_of,
+    reported_fire,
+    weather_of,
+)
 from tests.firemodel.grids import write_raster
 from tests.firemodel.test_fuel_files import ENGLISH
 from tests.firemodel.test_perimeter_files import written
@@ -127,6 +133,48 @@ def test_new_fires_accelerate_but_not_in_the_estimate(tmp_path: Path) -> None:
     )
     with pytest.raises(ScenarioError, match=r"fire.acceleration: not with \[burn\]"):
         load_scenario("burn", ("fire.acceleration=true",))
+
+
+def test_control_lines_hold_the_fire_and_its_estimate(tmp_path: Path) -> None:
+    """A line across the way of the fire, from a file and from points; the rate decides."""
+    site = write_site(tmp_path)
+    middle = LIT[1] + 8
+    wall = _column(middle)
+    (site / "line.geojson").write_text(shapely.to_geojson(wall), encoding="utf-8")
+    ends = ", ".join(f"[{lat}, {lon}]" for lon, lat in wall.coords)
+    beyond = []
+    for number, keys in enumerate(
+        (
+            "",
+            f"[[suppression]]\npoints = [{ends}]\n",
+            '[[suppression]]\nfile = "line.geojson"\nrate_m_h = 100000\n',
+            '[[suppression]]\nfile = "line.geojson"\nrate_m_h = 100\n',
+        )
+    ):
+        path = write_scenario(site, TIFFS, CSV, POINT, keys)
+        burn(path, tmp_path / f"out{number}")
+        beyond.append(int((arrival_s(tmp_path / f"out{number}")[:, middle:] >= 0).sum()))
+    assert beyond[0] > 20
+    assert beyond[1] == beyond[2] == 0
+    assert 0 < beyond[3] <= beyond[0]
+    scenario = load_scenario(str(path), ("suppression.0.rate_m_h=100000",))
+    ground = landscape_of(scenario)
+    estimate = new_estimate(scenario, ground, weather_of(scenario))
+    estimate.light([LIT], 0.0)
+    estimate.advance(scenario.duration_s)
+    assert not estimate.burned()[:, middle:].any()
+    assert estimate.burned().sum() > 20
+    lat, lon = wall.coords[0][::-1]
+    off = f"[[suppression]]\npoints = [[{lat + 1}, {lon}], [{lat + 1}, {lon + 0.1}]]\n"
+    result = call("config", "check", str(write_scenario(site, TIFFS, CSV, POINT, off)))
+    assert result.exit_code == 1
+    assert "suppression.0: control line: no part of it is on the landscape" in result.stderr
+
+
+def _column(col: int) -> shapely.LineString:
+    """Return a line in WGS84 along a column of cells, beyond both edges of the grid."""
+    lons_lats = [LAND.lat_lon_of(*LAND.xy_of(row, col))[::-1] for row in (-3, LAND.shape[0] + 3)]
+    return shapely.LineString([tuple(float(each) for each in place) for place in lons_lats])
 
 
 def test_a_daily_weather_file_needs_and_uses_its_wind(tmp_path: Path) -> None:
