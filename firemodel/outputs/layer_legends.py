@@ -268,6 +268,14 @@ TORCHING_WIND_LAYER = Layer(
 CROWNING_WIND_LAYER = Layer(
     "crowning index: least wind at 20 ft (6.1 m) at which a crown fire is active", "m s-1", _WINDS
 )
+WARM_HEIGHT_LAYER = Layer(
+    "height above the ground up to which the front warms the air by more than the limit",
+    "m",
+    ranges(
+        (20.0, 50.0, 100.0, 150.0, 300.0),
+        ("up to 20 m", "20–50 m", "50–100 m", "100–150 m", "150–300 m", "above 300 m"),
+    ),
+)
 PROBABILITY_LAYER = Layer(
     "share of the simulated fires in which the cell burns",
     "1",

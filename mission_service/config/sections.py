@@ -212,6 +212,8 @@ class MissionSection(Section):
     With ``approval = "each"`` a mission is sent to its vehicle only after an operator has accepted
     the mission. The default height of each vehicle is ``layer_m`` above that of the preceding
     vehicle in the scenario. The required vertical separation between vehicles is ``separation_m``.
+    ``fire run`` computes the height up to which the air above the fire is more than
+    ``max_warming_k`` warmer.
     """
 
     horizon_m: Positive = 2500.0
@@ -221,6 +223,7 @@ class MissionSection(Section):
     layer_m: NotNegative = 40.0
     separation_m: Positive = 30.0
     approval: Literal["none", "each"] = "none"  # each: an operator accepts every mission
+    max_warming_k: Annotated[float, Field(ge=1, le=500)] | None = None
 
 
 class PreflightSection(Section):

@@ -9,11 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from firemodel.arrays import Floats
 from firemodel.outputs.arrival_map import draw_map
 from firemodel.outputs.front_files import write_fronts
-from firemodel.outputs.geotiff import write_rasters
+from firemodel.outputs.geotiff import write_raster, write_rasters
+from firemodel.outputs.layer_legends import WARM_HEIGHT_LAYER
 from firemodel.outputs.netcdf import check_netcdf, write_netcdf
 from firemodel.outputs.whole_file import remove_parts, write_whole
+from firemodel.physics.plume import warm_height_m
+from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
@@ -24,6 +28,7 @@ from mission_service.simulation.result_files import check_command
 
 STEPS = 200  # number of progress reports of a run
 MAX_FRONTS = 10_000
+WARM_HEIGHT = "warm_height_m.tif"
 
 
 def run_fire(
@@ -59,13 +64,49 @@ def run_fire(
     if (reached := at_edge(fire)) is not None:
         lines.append(str(reached))
         warn(str(reached))
+    warm_m = warm_heights_m(fire, scenario.mission.max_warming_k)
+    for line in heat_warnings(scenario, warm_m):
+        lines.append(line)
+        warn(line)
     with writing(folder):
         remove_parts(folder)
         path = folder / "fire.nc"
         path.unlink(missing_ok=True)  # the file of an earlier run
         if netcdf:
             write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
+        for suffix in (".tif", ".qml"):  # the files of an earlier run
+            (folder / WARM_HEIGHT).with_suffix(suffix).unlink(missing_ok=True)
+        if warm_m is not None:
+            write_raster(folder / WARM_HEIGHT, warm_m, landscape, WARM_HEIGHT_LAYER)
         return _write(scenario, fire, folder, times_s, lines)
+
+
+def warm_heights_m(fire: Fire, max_warming_k: float | None) -> Floats | None:
+    """Return the height (y, x) above the ground up to which the front warms the air by more.
+
+    Wind is left out, so that the height is an upper limit; unburned cells have NaN. The result is
+    None without a limit.
+    """
+    if max_warming_k is None:
+        return None
+    return warm_height_m(behaviour_of(fire).intensity_kw_m, 0.0, max_warming_k)
+
+
+def heat_warnings(scenario: Scenario, warm_m: Floats | None) -> list[str]:
+    """Return a warning for each vehicle whose altitude is in the warm air of some cells."""
+    if warm_m is None or not (warm_m > 0.0).any():
+        return []
+    limit_k, highest_m = scenario.mission.max_warming_k, float(np.nanmax(warm_m))
+    found = []
+    for vehicle in scenario.vehicles:
+        cells = int(np.count_nonzero(warm_m > vehicle.altitude_agl_m))
+        if cells:
+            found.append(
+                f"{vehicle.name}: altitude_agl_m = {vehicle.altitude_agl_m:g}: the air above "
+                f"{cells} of {np.count_nonzero(warm_m > 0.0)} burned cells is more than "
+                f"{limit_k:g} K warmer when the front is there; this needs {highest_m:.0f} m"
+            )
+    return found
 
 
 @contextmanager

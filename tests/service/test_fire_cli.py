@@ -412,3 +412,29 @@ def test_netcdf_is_written_on_request(tmp_path: Path) -> None:
         assert file["time"].units == "seconds since 2026-08-01T19:00:00Z"
         burned = ~np.ma.getmaskarray(file["arrival_time"][:])
     assert np.array_equal(burned, arrival_s(tmp_path / "out") >= 0)
+
+
+def test_the_height_of_warm_air_and_the_altitudes_of_vehicles(tmp_path: Path) -> None:
+    lat, lon = LAND.lat_lon_of(*LAND.xy_of(*LIT))
+    vehicle = (
+        f'[[vehicles]]\nname = "hawk"\naltitude_agl_m = 10\nhome_lat_deg = {lat}\n'
+        f"home_lon_deg = {lon}\n"
+    )
+    path = write_scenario(write_site(tmp_path), TIFFS, CSV, POINT, vehicle)
+    out = tmp_path / "out"
+    summary = burn(path, out, "--set", "mission.max_warming_k=20")
+    intensity = raster(out / "fireline_intensity_kw_m.tif")
+    height_m = raster(out / "warm_height_m.tif")
+    burned = intensity > 0.0
+    expected_m = 0.74183 / 0.025574**0.5 * intensity[burned] ** (2 / 3) / 20.0
+    assert height_m[burned] == pytest.approx(expected_m, rel=1e-4)
+    assert (height_m[intensity < 0.0] == -1.0).all()
+    (line,) = (line for line in summary["warnings"] if "K warmer" in line)
+    hot = np.count_nonzero(height_m > 10.0)
+    assert line.startswith(f"hawk: altitude_agl_m = 10: the air above {hot} of {burned.sum()} ")
+    assert line.endswith(f"this needs {height_m.max():.0f} m")
+    assert (out / "warm_height_m.qml").exists()
+    high = ("--set", "mission.max_warming_k=20", "--set", "vehicles.0.altitude_agl_m=500")
+    assert burn(path, out, *high)["warnings"] == []
+    assert burn(path, out)["warnings"] == []
+    assert not (out / "warm_height_m.tif").exists()

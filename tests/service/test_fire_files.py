@@ -166,7 +166,9 @@ def test_control_lines_hold_the_fire_and_its_estimate(tmp_path: Path) -> None:
     assert estimate.burned().sum() > 20
     members = tmp_path / "members"
     held = ("--set", "suppression.0.rate_m_h=100000")
-    assert call("fire", "run", str(path), "-o", str(members), "--members", "2", *held).exit_code == 0
+    assert (
+        call("fire", "run", str(path), "-o", str(members), "--members", "2", *held).exit_code == 0
+    )
     with rasterio.open(members / "burn_probability.tif") as file:
         assert (file.read(1)[:, middle:] <= 0.0).all()
     lat, lon = wall.coords[0][::-1]
