@@ -12,7 +12,15 @@ from firemodel.physics.crown_fire import CRUZ
 from firemodel.physics.weather import WIND_10M_OVER_20FT
 from firemodel.spread.crown_spread import crowning_wind_of
 from firemodel.spread.fire_scheme import Fire
-from firemodel.spread.local_spread import CROWN, HEAT, Tables, Terrain, tables_of, terrain_of
+from firemodel.spread.local_spread import (
+    CROWN,
+    HEAT,
+    Tables,
+    Terrain,
+    tables_of,
+    terrain_of,
+    wind_at,
+)
 
 _torching_wind = kernel(crown_fire.torching_wind_m_s)
 _cruz_crowning_wind = kernel(crown_fire.cruz_crowning_wind_m_s)
@@ -71,7 +79,8 @@ def torching_wind(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     by_slope = cos_upslope = 0.0
     if slope > 0.0:
         by_slope = min(terms[3] * slope * slope, terms[4])
-        up = tables.wind[entry, 1] * rise_north + tables.wind[entry, 2] * rise_east
+        _, wind_north, wind_east = wind_at(cell, entry, terrain, tables)
+        up = wind_north * rise_north + wind_east * rise_east
         cos_upslope = up / slope
     rate_factor = terrain.rate_factor
     rate = terms[0] * rate_factor[cell if rate_factor.size > 1 else 0]
