@@ -20,6 +20,7 @@ from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.physics.wind_field import WindField, WindGrids, field_of, mean_wind
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.behaviour import behaviour_of
+from firemodel.spread.crown_winds import crown_winds_of
 from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.schemes import SchemeName, new_fire
 from tests.firemodel.grids import landscape, weather
@@ -88,6 +89,16 @@ def test_a_field_turned_by_90_degrees_equals_a_turned_wind(
         burned(hills, [each], "anyangle", settings) for each in (weather(4.5, 330.0), turned)
     )
     np.testing.assert_allclose(found.arrival_time_s, plain.arrival_time_s, rtol=1e-9)
+
+
+def test_the_torching_index_is_that_of_the_local_wind_direction(hills: Landscape) -> None:
+    turned = replace(weather(9.0, 240.0), wind_field=field_of(ratio(0.0, 0.5)))
+    found, plain, other = (
+        crown_winds_of(new_fire("anyangle", hills, WeatherStream([each]), [], crown="rothermel"))
+        for each in (turned, weather(4.5, 330.0), weather(4.5, 240.0))
+    )
+    np.testing.assert_allclose(found.torching_m_s, plain.torching_m_s, rtol=1e-5)
+    assert (found.torching_m_s != other.torching_m_s).mean() > 0.5
 
 
 def test_each_half_spreads_in_its_own_wind(hills: Landscape) -> None:

@@ -171,6 +171,10 @@ def test_control_lines_hold_the_fire_and_its_estimate(tmp_path: Path) -> None:
     )
     with rasterio.open(members / "burn_probability.tif") as file:
         assert (file.read(1)[:, middle:] <= 0.0).all()
+    slow = ("--set", "suppression.0.rate_m_h=100")  # other members than those in the folder
+    assert (
+        call("fire", "run", str(path), "-o", str(members), "--members", "2", *slow).exit_code == 1
+    )
     lat, lon = wall.coords[0][::-1]
     off = f"[[suppression]]\npoints = [[{lat + 1}, {lon}], [{lat + 1}, {lon + 0.1}]]\n"
     result = call("config", "check", str(write_scenario(site, TIFFS, CSV, POINT, off)))
