@@ -77,6 +77,15 @@ class Weather:
         zones = (tuple(factor * wet for wet in zone) for zone in self.of_zones)
         return replace(self, **dead, of_fuels=tuple(own), of_zones=tuple(zones))  # type: ignore[arg-type]
 
+    def in_wind(self, speed_m_s: float, from_deg: float) -> "Weather":
+        """Return this entry with another wind, and the local winds that belong to it."""
+        field = self.wind_field
+        if field is not None:
+            field = field.turned(from_deg - self.wind_from_deg)
+        return replace(
+            self, wind_speed_m_s=speed_m_s, wind_from_deg=from_deg % 360.0, wind_field=field
+        )
+
     @property
     def moisture(self) -> Moisture:
         """The moistures as fractions, for fuels that are not in ``of_fuels``."""
@@ -141,12 +150,7 @@ class WeatherStream:
 
     def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
         """Return the stream with a new, constant wind from ``at_s`` on and no later entries."""
-        entry = replace(
-            self.weather_at(at_s),
-            at_s=at_s,
-            wind_speed_m_s=speed_m_s,
-            wind_from_deg=from_deg % 360.0,
-        )
+        entry = replace(self.weather_at(at_s).in_wind(speed_m_s, from_deg), at_s=at_s)
         return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
 
     def since(self, time_s: float) -> "WeatherStream":

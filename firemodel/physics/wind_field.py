@@ -71,6 +71,7 @@ class WindField:
 
     grids: WindGrids
     parts: tuple[tuple[int, complex], ...]
+    toward_grid_deg: float | None = None  # the entry's wind, if the ratio depends on its direction
 
     def __post_init__(self) -> None:
         """Raise FireModelError for parts that do not fit the grids."""
@@ -94,6 +95,23 @@ class WindField:
             total = _sum(self.grids, self.parts, rows)
             found[0, rows], found[1, rows] = total.real, total.imag
         return found
+
+    def turned(self, turn_deg: float) -> "WindField":
+        """Return the field for a wind of the entry that is turned clockwise."""
+        if self.toward_grid_deg is None:
+            return self
+        return response_field(self.grids, self.toward_grid_deg + turn_deg)
+
+
+def response_field(grids: WindGrids, toward_grid_deg: float) -> WindField:
+    """Return the field of an entry's wind in this direction from the responses of the terrain.
+
+    The two grids are the local wind for an entry's wind of 1 m/s toward grid north, and toward
+    grid east. The local wind for other directions is a sum of both.
+    """
+    toward = cmath.rect(1.0, math.radians(toward_grid_deg))
+    parts = ((0, toward.real / toward), (1, toward.imag / toward))
+    return WindField(grids, parts, toward_grid_deg % 360.0)
 
 
 class MeanWind(NamedTuple):

@@ -5,7 +5,6 @@ the map receive the observations of these cameras, never the fire itself.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
@@ -57,8 +56,6 @@ def simulated_weather(scenario: Scenario) -> WeatherStream:
 
 
 def _changed(entry: Weather, section: SimulatedFireSection) -> Weather:
-    return replace(
-        entry.with_dead_moisture(section.moisture_factor),
-        wind_speed_m_s=entry.wind_speed_m_s * section.wind_factor,
-        wind_from_deg=(entry.wind_from_deg + section.wind_turn_deg) % 360.0,
+    return entry.with_dead_moisture(section.moisture_factor).in_wind(
+        entry.wind_speed_m_s * section.wind_factor, entry.wind_from_deg + section.wind_turn_deg
     )
