@@ -52,9 +52,15 @@ def sun_at(lat_deg: float, lon_deg: float, begin: datetime, at_s: Floats) -> Sun
 
 
 def clear_sunlight_w_m2(
-    sun: Sun, elevation_m: float, rise_north: float, rise_east: float
+    sun: Sun,
+    elevation_m: float | Floats,
+    rise_north: float | Floats,
+    rise_east: float | Floats,
 ) -> Floats:
-    """Return the sunlight (n) on ground with this rise per metre, below a clear sky."""
+    """Return the sunlight (n) on ground with this rise per metre, below a clear sky.
+
+    For one time, elevation and rises may be arrays of one shape, which the result has.
+    """
     north, east, up = sun.direction
     lit = up > 0.0
     outside = SOLAR_CONSTANT_W_M2 * sun.distance_factor
