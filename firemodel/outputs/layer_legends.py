@@ -8,6 +8,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -235,17 +236,34 @@ INTENSITY_LAYER = Layer(
 _SECTORS = ("north", "north-east", "east", "south-east", "south", "south-west", "west")
 # A cycle of colours: similar directions have similar colours, opposite directions do not.
 _CYCLE = ("#cfc7d6", "#8fb3c8", "#6276ba", "#5b2f8f", "#2f1436", "#7a2250", "#b25652", "#c9a68d")
+_DIRECTIONS = tuple(
+    ColourClass(bound, colour, label)
+    for bound, colour, label in zip(
+        (*(22.5 + 45.0 * number for number in range(8)), math.inf),
+        (*_CYCLE, _CYCLE[0]),
+        (*_SECTORS, "north-west", "north"),
+        strict=True,
+    )
+)
 SPREAD_TOWARD_LAYER = Layer(
     "direction in which the front moved at its arrival, clockwise from true north",
     "degree",
-    tuple(
-        ColourClass(bound, colour, label)
-        for bound, colour, label in zip(
-            (*(22.5 + 45.0 * number for number in range(8)), math.inf),
-            (*_CYCLE, _CYCLE[0]),
-            (*_SECTORS, "north-west", "north"),
-            strict=True,
-        )
+    _DIRECTIONS,
+)
+WIND_FROM_LAYER = Layer(
+    "direction from which the wind blows, clockwise from true north", "degree", _DIRECTIONS
+)
+_WIND_LIMITS_M_S = (1, 2, 4, 6, 8, 10, 15, 20)
+WIND_SPEED_LAYER = Layer(
+    "wind speed 6.1 m (20 ft) above the vegetation",
+    "m s-1",
+    ranges(
+        _WIND_LIMITS_M_S,
+        (
+            "up to 1 m/s",
+            *(f"{low}–{high} m/s" for low, high in pairwise(_WIND_LIMITS_M_S)),
+            "above 20 m/s",
+        ),
     ),
 )
 CROWN_FRACTION_LAYER = Layer(

@@ -22,6 +22,7 @@ from mission_service.cli.options import (
     cores_option,
     echo,
     echo_warning,
+    seconds_option,
 )
 from mission_service.cli.output_folder import results_in
 
@@ -206,6 +207,64 @@ def interval_table(intervals: list[dict[str, Any]]) -> str:
             f"   {error_m:.0f} ({model_m:.0f}, {unchanged_m:.0f})   {inside}"
         )
     return "\n".join(lines)
+
+
+@fire.command("wind")
+@click.argument("scenario")
+@OUT_FOLDER
+@click.option(
+    "--speed",
+    "speed_m_s",
+    type=click.FloatRange(0.0, 100.0),
+    metavar="M_S",
+    help="Speed of the free wind, or of that at [terrain_wind]'s station (default: the weather).",
+)
+@click.option(
+    "--from",
+    "from_deg",
+    type=click.FloatRange(0.0, 360.0),
+    metavar="DEG",
+    help="Direction from which this wind blows, clockwise from true north.",
+)
+@seconds_option("--at", "Mission time of the scenario's weather and of the sun (default: 0).")
+@click.option(
+    "--measured",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Measurements of stations and aircraft (CSV), to which the free wind is fitted.",
+)
+@click.option(
+    "--slope-flow",
+    is_flag=True,
+    help="Add upslope and downslope flow at time_zero plus --at, by fire.air_temperature_c.",
+)
+@OVERRIDE
+@JSON
+def fire_wind(
+    scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool, **given: Any
+) -> None:
+    """Compute the wind over the terrain of SCENARIO; write grids and a summary to DIR.
+
+    The grids are GeoTIFFs, and ASCII grids with the names of WindNinja, which [wind_grids] reads.
+
+    The columns of FILE are lat_deg, lon_deg, above_ground_m, speed_m_s, from_deg (from true north)
+    and optionally sd_m_s, the standard deviation of the error.
+    """
+    from mission_service.config.scenario import load_scenario
+    from mission_service.simulation.wind_alone import GivenWind, run_wind
+
+    wind = GivenWind(**given)
+    if (wind.speed_m_s is None) != (wind.from_deg is None):
+        raise click.UsageError("give both --speed and --from, or none")
+    if wind.speed_m_s is not None and wind.measured is not None:
+        raise click.UsageError("give either --speed and --from, or --measured")
+    if wind.at_s is not None and not wind.slope_flow and (wind.speed_m_s or wind.measured):
+        raise click.UsageError("--at has no effect with this wind and without --slope-flow")
+    with results_in(out, "repeat the command") as made:
+        summary = run_wind(load_scenario(scenario, overrides), made, wind)
+    echo(summary, as_json)
+    if not as_json:
+        click.echo(f"GeoTIFFs, ASCII grids and summary.json in {out}/")
 
 
 @fire.command("info")

@@ -47,7 +47,7 @@ from mission_service.config.sections import (
 )
 from mission_service.config.service_section import ServiceSection
 from mission_service.config.surveillance_section import SurveillanceSection
-from mission_service.config.wind_section import WindGridsSection
+from mission_service.config.wind_section import TerrainWindSection, WindGridsSection
 from mission_service.errors import OptionError, ScenarioError
 from mission_service.value_errors import got, missing_key, remedy, schema_at
 
@@ -88,6 +88,7 @@ class Scenario(Section):
     weather: tuple[WeatherEntry, ...] = ()
     weather_file: WeatherFile | None = None
     wind_grids: WindGridsSection | None = None
+    terrain_wind: TerrainWindSection | None = None
     ignition: tuple[Ignition, ...] = ()
     suppression: tuple[SuppressionLine, ...] = ()
     vehicles: tuple[VehicleSection, ...] = ()
@@ -109,6 +110,8 @@ class Scenario(Section):
             raise ValueError(f"vehicles must have different names, got {', '.join(names)}")
         if (self.weather_file is None) == (not self.weather):
             raise ValueError("give either weather entries or a weather_file")
+        if self.wind_grids is not None and self.terrain_wind is not None:
+            raise ValueError("give either wind_grids or terrain_wind, not both")
         if self.only is not None and self.only not in names:
             raise ValueError(f"only: no vehicle {self.only}; the scenario has {', '.join(names)}")
         _refuse_shared_ports(self.vehicles)

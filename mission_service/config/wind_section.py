@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from firemodel.landscape.wind_options import Height, North, Unit
-from mission_service.config.section_base import Finite, Line, Section
+from mission_service.config.section_base import Finite, Latitude, Line, Longitude, Section
 
 
 class WindPair(Section):
@@ -56,4 +56,29 @@ class WindGridsSection(Section):
             raise ValueError("give either path or pairs")
         if self.at_s and self.path is None:
             raise ValueError("at_s has no effect with pairs; give at_s or time in each of them")
+        return self
+
+
+class TerrainWindSection(Section):
+    """Wind over terrain: the wind of the weather becomes the wind of each cell.
+
+    The wind of the weather is that 20 ft above the vegetation at the station with the position
+    ``station_lat_deg``, ``station_lon_deg``, or without a station the free wind around the
+    landscape.
+    """
+
+    station_lat_deg: Latitude | None = None
+    station_lon_deg: Longitude | None = None
+
+    @property
+    def station(self) -> tuple[float, float] | None:
+        """The latitude and longitude of the station, if it is given."""
+        if self.station_lat_deg is None or self.station_lon_deg is None:
+            return None
+        return self.station_lat_deg, self.station_lon_deg
+
+    @model_validator(mode="after")
+    def _whole_position(self) -> "TerrainWindSection":
+        if (self.station_lat_deg is None) != (self.station_lon_deg is None):
+            raise ValueError("give both station_lat_deg and station_lon_deg, or none")
         return self

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from firemodel.landscape.rasterise import burnable_cells, with_barriers
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.physics.wind_field import WindGrids
 from firemodel.simulate import cells_of_file
 from firemodel.spread.fire_scheme import (
     BURNING,
@@ -44,7 +46,9 @@ from mission_service.config.sections import VehicleSection
 from mission_service.config.wind_section import WindGridsSection
 from mission_service.errors import ScenarioError
 
-WEATHER_TABLES = {"time_zero", "duration_s", "landscape", "weather", "weather_file", "wind_grids"}
+WEATHER_TABLES = {"time_zero", "duration_s", "landscape", "weather", "weather_file"}
+WEATHER_TABLES |= {"wind_grids", "terrain_wind"}
+TERRAIN_TABLES = {"landscape", "terrain_wind"}
 STALLED = 100  # updates without growth after which the fire is checked for burning cells
 
 
@@ -109,45 +113,82 @@ def custom_fuels_of(section: LandscapeSection) -> dict[int, FuelModel]:
 
 
 def weather_of(scenario: Scenario) -> WeatherStream:
-    """Return the weather of a scenario, from its entries or its weather file, and its wind grids.
+    """Return the weather of a scenario, from its entries or its weather file, and its wind.
 
-    The weather of a scenario with wind grids or moisture zones is computed once, and again after a
-    change of the files.
+    The weather of a scenario with wind grids, wind over terrain or moisture zones is computed once,
+    and again after a change of the files.
     """
     file = scenario.weather_file
-    if scenario.wind_grids is None and (file is None or file.dead_fuel_model != "nelson"):
+    if (
+        scenario.wind_grids is None
+        and scenario.terrain_wind is None
+        and (file is None or file.dead_fuel_model != "nelson")
+    ):
         return _weather(scenario)
-    return _stored(_WeatherInputs(scenario))
+    return _stored(_Inputs(scenario, WEATHER_TABLES))
 
 
-class _WeatherInputs:
-    """A scenario that equals another one with the same tables and files for the weather."""
+class _Inputs:
+    """A scenario that equals another one with the same values of tables and the same files."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, tables: set[str]) -> None:
         self.scenario = scenario
-        found = (path.stat() for path in input_files(scenario, WEATHER_TABLES) if path.exists())
+        found = (path.stat() for path in input_files(scenario, tables) if path.exists())
         stamps = tuple((file.st_mtime_ns, file.st_size) for file in found)
-        self._key = scenario.model_dump_json(include=WEATHER_TABLES), stamps
+        self._key = scenario.model_dump_json(include=tables), stamps
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _WeatherInputs) and self._key == other._key
+        return isinstance(other, _Inputs) and self._key == other._key
 
     def __hash__(self) -> int:
         return hash(self._key)
 
 
 @lru_cache(maxsize=2)
-def _stored(inputs: _WeatherInputs) -> WeatherStream:
+def _stored(inputs: _Inputs) -> WeatherStream:
     return _weather(inputs.scenario)
 
 
+@lru_cache(maxsize=2)
+def _terrain(inputs: _Inputs) -> WindGrids:
+    from firemodel.wind import responses_of
+
+    landscape = landscape_of(inputs.scenario)
+    with ThreadPoolExecutor(2) as threads:  # the kernels release the GIL
+        return responses_of(landscape, station_of(inputs.scenario, landscape), threads.map)
+
+
+def station_of(scenario: Scenario, landscape: Landscape) -> tuple[int, int] | None:
+    """Return the cell of the station of [terrain_wind], or None without a station.
+
+    Raises ScenarioError for a station outside the landscape.
+    """
+    section = scenario.terrain_wind
+    place = None if section is None else section.station
+    if place is None:
+        return None
+    x_m, y_m = landscape.xy_of_lat_lon(*place)
+    if not landscape.contains(x_m, y_m):
+        raise ScenarioError(
+            f"terrain_wind: the station at lat {place[0]}, lon {place[1]} is outside the landscape"
+        )
+    row, col = landscape.row_col_of(x_m, y_m)
+    return round(float(row)), round(float(col))
+
+
 def _weather(scenario: Scenario) -> WeatherStream:
-    section = scenario.wind_grids
     if scenario.weather_file is not None:
         found = _from_file(scenario.weather_file, scenario)
     else:
         found = WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
-    return found if section is None else _in_wind(found, section, scenario)
+    if scenario.wind_grids is not None:
+        return _in_wind(found, scenario.wind_grids, scenario)
+    if scenario.terrain_wind is not None:
+        from firemodel.wind import over_terrain
+
+        responses = _terrain(_Inputs(scenario, TERRAIN_TABLES))
+        return over_terrain(found, responses, landscape_of(scenario))
+    return found
 
 
 def _in_wind(

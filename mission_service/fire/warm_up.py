@@ -56,6 +56,7 @@ def _small(scenario: Scenario) -> Scenario:
         "ignition": (Ignition(lat_deg=LAT_DEG, lon_deg=LON_DEG),),
         "weather_file": None,
         "wind_grids": None,
+        "terrain_wind": None,
         "weather": (_wind(0.0, 0.0), _wind(GROWS_S / 2.0, 60.0)),
         "burn": None,
         "start_s": 0.0,

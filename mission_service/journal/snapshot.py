@@ -89,8 +89,8 @@ class Known:
 
 
 def _wind_grids(scenario: Scenario) -> WindGrids | None:
-    """Return the grids of a scenario with [wind_grids], which all its entries share."""
-    if scenario.wind_grids is None:
+    """Return the grids that all entries of a scenario with grids or terrain wind share."""
+    if scenario.wind_grids is None and scenario.terrain_wind is None:
         return None
     fields = (entry.wind_field for entry in weather_of(scenario).entries)
     return next((field.grids for field in fields if field is not None), None)

@@ -31,6 +31,7 @@ COMMANDS = {
     "fire run --members": "members",
     "fire sweep": "runs",
     "fire assimilate": "assimilation.json",
+    "fire wind": "wind_speed.tif",
 }
 Recipe = dict[str, Any]
 # The exceptions that json and NumPy raise for a damaged file.
@@ -42,7 +43,11 @@ DAMAGE: tuple[type[Exception], ...] = (
 
 # The tables of a scenario on which its fire depends.
 USED = {"name", "seed", "time_zero", "duration_s", "landscape", "fire", "ensemble", "ignition"}
+<<<<<<< HEAD
 USED |= {"weather", "weather_file", "wind_grids", "burn", "suppression"}
+=======
+USED |= {"weather", "weather_file", "wind_grids", "terrain_wind", "burn"}
+>>>>>>> 5361dd2d (fire wind, [terrain_wind]; docs)
 
 
 def recipe_of(scenarios: Sequence[Scenario]) -> Recipe:
