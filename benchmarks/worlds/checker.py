@@ -33,7 +33,7 @@ from benchmarks.worlds.rules import (
     limited,
 )
 
-LOW_M = 15.0  # below this height above home a vehicle takes off or lands
+LOW_M = 15.0  # below this height above home and ground a vehicle takes off or lands
 MIN_HEIGHT_M = 15.0
 FREE_M = 350.0  # a vehicle farther from a volume that closes has the time to turn away
 REACTS_S = 20.0  # report, upload (up to 3 s), start, and the way ahead meanwhile
@@ -106,7 +106,8 @@ class Checker:
         flown.position = (*place, event["altitude_amsl_m"])
         flown.velocity_m_s = (event["velocity_east_m_s"], event["velocity_north_m_s"])
         was = flown.airborne
-        flown.airborne = event["altitude_relative_m"] > LOW_M
+        over_ground_m = event["altitude_amsl_m"] - float(self.rules.terrain.ground_m(*place))
+        flown.airborne = max(event["altitude_relative_m"], over_ground_m) > LOW_M
         if flown.airborne and not was:
             flown.low_until_s = math.inf
         if not (flown.airborne and flown.led):

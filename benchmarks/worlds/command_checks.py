@@ -205,8 +205,13 @@ class CommandChecks:
         )
 
     def _floor(self, name: str, flown: Flown, command: Line) -> list[str]:
-        """Return where a mission is lower above the ground than the scenario orders."""
+        """Return where a mission is lower above the ground than the scenario orders.
+
+        A vehicle may leave a volume without a climb, at 30 m or more above the ground.
+        """
         kind = self.rules.kinds[name]
+        if command["why"] in ON_THE_WAY_OUT:
+            kind = kind._replace(height_m=min(kind.height_m, LANDING_CLEARANCE_M))
         items = self._items(name, command)
         found = []
         for one, other in itertools.pairwise(items):

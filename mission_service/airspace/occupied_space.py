@@ -201,7 +201,17 @@ def mission_parts(
     """
     points = [*start, *(place.position for place in places)]
     parts = [*path_parts(points), *corner_parts(points, turn_radius_m)]
-    for (x_m, y_m, altitude_m), radius_m, _ in places:
-        if radius_m > 0.0:
-            parts.append(disc(x_m, y_m, LOITER_RADIUS_FACTOR * radius_m, altitude_m, altitude_m))
+    for number, (position, radius_m, _) in enumerate(places, start=len(start)):
+        if radius_m <= 0.0:
+            continue
+        loiter = disc(*position[:2], LOITER_RADIUS_FACTOR * radius_m, position[2], position[2])
+        if turn_radius_m > 0.0 and number > 0:
+            parts.append(approach_part(points[number - 1], loiter))
+        parts.append(loiter)
     return parts
+
+
+def approach_part(start: Position, loiter: Part) -> Part:
+    """Return the space in which a plane flies from a position to a circle, on either side."""
+    hull = shapely.union(shapely.Point(start[:2]), loiter.shape).convex_hull
+    return Part(hull, min(start[2], loiter.lowest_m), max(start[2], loiter.highest_m))

@@ -1,6 +1,7 @@
 """Plans the flights that keep vehicles out of closed airspace: around it, out of it, or a hold."""
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import msgspec
@@ -34,6 +35,8 @@ from mission_service.vehicles.vehicle_state import Vehicle
 Floats = NDArray[np.float64]
 NEAR_HOME_M = 400.0  # a way around that ends farther from home does not lead home
 BEYOND_M = 20.0  # distance of the loiter outside from the margin of a volume
+LEVEL_CLEARANCE_M = 30.0  # least height above ground of a level flight out of a volume
+SAMPLE_M = 15.0
 CUTS_M = (0.0, 150.0, 300.0, 600.0)  # the path is shortened by each length until it is free
 
 
@@ -66,13 +69,24 @@ class Evasions:
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
             items, planned = self._straight_off(vehicle, path, fix)
-            # A descent could lead from above a volume into it.
-            for way in (_without_descent(items, fix.altitude_m), items):
+            for way in self._altitudes_of(items, path, fix):
                 places = planned if way is items else self._space.route(vehicle, way)
                 if not self._enters_another(places, fix, airspace):
                     state.evasion, why = Evasion.EXIT, "leave closed airspace"
                     return self._upload(vehicle, path, way, places, fix, why, state)
         return None
+
+    def _altitudes_of(self, items: Items, path: Floats, fix: PositionFix) -> Iterator[Items]:
+        """Yield a mission out of a volume at different altitudes, the preferred one first.
+
+        A descent could lead from above a volume into it, and a climb from below.
+        """
+        yield _at_altitudes(items, lambda z: max(z, fix.altitude_m))
+        yield items
+        line = np.linspace(path[0], path[-1], math.ceil(math.dist(*path[[0, -1]]) / SAMPLE_M) + 1)
+        ground_m = self._landscape.elevation_at(line[:, 0], line[:, 1])
+        if fix.altitude_m - float(np.max(ground_m)) >= LEVEL_CLEARANCE_M:
+            yield _at_altitudes(items, lambda z: min(z, fix.altitude_m))
 
     def way_home(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace, state: AirspaceState
@@ -250,14 +264,14 @@ class Evasions:
         return None
 
 
-def _without_descent(items: Items, altitude_m: float) -> Items:
-    """Return the items of a mission, those below an altitude (above mean sea level) raised to it.
+def _at_altitudes(items: Items, altitude_of: Callable[[float], float]) -> Items:
+    """Return the items of a mission with other altitudes above mean sea level.
 
     Items without a position above mean sea level stay as they are.
     """
     frames = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
     return tuple(
-        replace(item, z=max(item.z, altitude_m))
+        replace(item, z=altitude_of(item.z))
         if item.frame in frames and has_position(item.command)
         else item
         for item in items

@@ -110,9 +110,7 @@ class AirspaceGuard:
     def end_evasion(self, name: str) -> None:
         """End the evasion of a vehicle, because an order for it is executed."""
         state = self._states[name]
-        if state.evasion not in (Evasion.EXIT, Evasion.AROUND):  # no mission is on its way
-            state.acts_again_at_s = -math.inf
-        state.evasion, state.checked = Evasion.NONE, ()
+        state.evasion, state.checked, state.acts_again_at_s = Evasion.NONE, (), -math.inf
 
     def _announced(self, words: str) -> list[AnyCommand]:
         first = next(iter(self._vehicles.values()), None)

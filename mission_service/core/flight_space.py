@@ -12,6 +12,7 @@ from mission_service.airspace.occupied_space import (
     MissionPlace,
     Part,
     Position,
+    approach_part,
     corner_parts,
     disc,
     held_turn,
@@ -112,7 +113,8 @@ class FlightSpace:
         section = vehicle.section
         if section.winged:
             reach_m = LOITER_RADIUS_FACTOR * section.loiter_radius_m
-            parts.append(disc(*vehicle.home_m, reach_m, home_altitude_m, high_m))
+            circle = disc(*vehicle.home_m, reach_m, home_altitude_m, high_m)
+            parts += [approach_part(route[-2], circle) for route in routes]
         return [Part(part.shape, home_altitude_m, high_m) for part in parts]
 
     def of_intent(self, vehicle: Vehicle, state: AirspaceState) -> list[IntendedPart]:

@@ -16,7 +16,7 @@ a live run (``in_background``) a thread applies each input to a copy of the esti
 import contextlib
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -348,6 +348,21 @@ class RunEstimate:
             self._best.check(event, self._smoke)
         self._checked = checked
 
+    def preview(self, reports: Sequence[AnyOperatorEvent]) -> Callable[[], tuple[Fire, Fire]]:
+        """Return a function, for a thread, that computes the fire before and after some reports.
+
+        The estimate does not change. The function raises the exception of a report that cannot be
+        used. Raises FireModelError in a burn, in which reports correct the estimate of the burn's
+        guidance.
+        """
+        if not self._accepts_reports:
+            raise FireModelError("a burn has no preview of corrections")
+        now_s = max(self._latest_us, *(report.at_us for report in reports)) / 1e6
+        images = self._images.copy().taken(self._latest_us / 1e6)
+        before = [*self._waiting, *([] if images is None else [images])]
+        changes = [Reported(now_s, report, self._smoke) for report in reports]
+        return partial(_previewed, self._best.copy(), before, changes)
+
     def apply_report(self, event: AnyEvent) -> Window | None:
         """Apply an operator's report, and return a window around the changed cells or None.
 
@@ -421,3 +436,19 @@ class RunEstimate:
         self._due_us, self._written_us = None, at_us
         if mosaic is not None:
             self._queue(mosaic)
+
+
+def _previewed(
+    best: BestFire, before: Sequence[Input], reports: Sequence[Reported]
+) -> tuple[Fire, Fire]:
+    """Return the fire after the inputs ``before``, and after the reports that follow them."""
+    for each in before:
+        best = after(best, each).best
+    best.burn_until(reports[-1].now_s)
+    changed = best
+    for report in reports:
+        found = after(changed, report)
+        if found.unused is not None:
+            raise found.unused
+        changed = found.best
+    return best.fire, changed.fire

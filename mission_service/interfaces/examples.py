@@ -208,6 +208,7 @@ IMPORTANCE = Importance(AT_US, "hawk", "islam_hu_damped", 81.2, 77.9, [(36.3512,
 AREA = {"type": "Polygon", "coordinates": [[[-84.16, 36.35], [-84.15, 36.35], [-84.15, 36.36]]]}
 FRONT = {"type": "Feature", "geometry": AREA, "properties": {"at_s": 3600.0, "in_s": 1770.0}}
 FRONTS = {"type": "FeatureCollection", "features": [FRONT]}
+FIRE_PREVIEW = {"burned_ha_before": 329.4, "burned_ha_after": 64.2, "front": FRONT}
 FOOTPRINTS = {
     "type": "FeatureCollection",
     "features": [

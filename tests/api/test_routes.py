@@ -406,6 +406,42 @@ def test_a_correction_is_answered_with_the_area_before_and_after(tmp_path: Path)
     asked(world, ask)
 
 
+def test_a_preview_gives_the_areas_of_the_correction_and_changes_nothing(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of())
+    world.fly(3700.0)
+    drawn: dict[str, Any] = {"state": "unburned", "shape": "point", "points": [CENTRE]}
+    feature = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "Polygon", "coordinates": [[p[::-1] for p in [*SQUARE, SQUARE[0]]]]},
+    }
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        preview = await posted(http, "/fire/preview", do="correct", **drawn)
+        file = (await http.post(f"{V1}/fire/perimeter?preview=true", json=feature)).json()
+        assert not world.submitted
+        assert world.context.estimate.corrections() == []
+        applied = await posted(http, "/fire/corrections", **drawn)
+        areas = {key: applied[key] for key in ("burned_ha_before", "burned_ha_after")}
+        assert {key: preview[key] for key in areas} == areas
+        assert areas["burned_ha_after"] < areas["burned_ha_before"] == file["burned_ha_before"]
+        assert file["burned_ha_after"] > file["burned_ha_before"]
+        front = shapely.geometry.shape((await got(http, "/fire/front"))["geometry"])
+        shown = shapely.geometry.shape(preview["front"]["geometry"])
+        assert shown.intersection(front).area > 0.8 * shown.union(front).area
+        undo = await posted(http, "/fire/preview", do="undo")
+        assert undo["burned_ha_after"] == areas["burned_ha_before"]
+        for body, why in (
+            ({"do": "redo"}, "nothing to redo"),
+            ({"do": "wind", "speed_m_s": 1.0, "from_deg": 0.0}, "do is one of"),
+            ({**drawn, "do": "correct", "points": []}, "points"),
+        ):
+            assert why in await refused(http, 422, "POST", "/fire/preview", **body)
+        assert len(world.submitted) == 1
+
+    asked(world, ask)
+
+
 def test_a_perimeter_that_others_drew_corrects_the_fire(tmp_path: Path) -> None:
     world = world_in(tmp_path, scenario_of())
     ring = [[lon, lat] for lat, lon in [*SQUARE, SQUARE[0]]]

@@ -138,7 +138,7 @@ def test_a_world_is_the_same_each_time() -> None:
     "seed",
     [
         *(*range(12), 341, 360, 20010, 20019, 21015, 21024, 30053, 30139, 31015),
-        *(40115, 40149, 40403, 40583, 40772),
+        *(40115, 40149, 40403, 40583, 40772, 41067, 50255, 50786, 50989),
     ],
 )
 def test_a_random_world_has_no_violation(seed: int) -> None:
@@ -149,7 +149,9 @@ def test_a_random_world_has_no_violation(seed: int) -> None:
     and in 31015 a volume closes over the end of a way out. In 30053 the circle above home is in a
     closed volume, in 30139 and 40115 a vehicle leaves at the limit of the vertical margin, in 40149
     and 40403 a plane turns at a corner beside a volume, in 40583 at a first position behind it, and
-    in 40772 a person orders a hold beside a volume.
+    in 40772 and 50255 a person orders a hold beside a volume. In 41067 a volume closes over the end
+    of a way out before its start, in 50786 a climb out of a volume would lead into another one, and
+    in 50989 a plane flies beside the line to its loiter.
     """
     assert fly(seed)[1] == []
 

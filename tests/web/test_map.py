@@ -123,6 +123,10 @@ def test_the_walk_of_the_readme(desktop: tuple[Page, Seen], fire: Service) -> No
     page.click("#tools .polygon")
     around = [place_of(page, *place) for place in ring(ahead["lat_deg"], ahead["lon_deg"])]
     draw(page, [*around, *around[:2]])  # a hand may overshoot
+    expect(page.locator("#question")).to_contain_text("The burned area changes from")
+    assert not corrections(fire)
+    state_view(page, "correction")
+    page.get_by_role("button", name="Yes, do it").click()
     expect(page.locator("#message")).to_contain_text("Correction (burned, now): done")
     drawn = corrections(fire)
     assert [drawn[0]["state"], drawn[0]["shape"], drawn[0]["by"]] == ["burned", "polygon", "boss"]
@@ -149,6 +153,34 @@ def test_undo_takes_a_correction_back_and_redo_brings_it(
     wait_for(lambda: area_ha(fire) < larger - 1, 30, "the fire is as it was")
     page.keyboard.press("Control+y")
     wait_for(lambda: len(corrections(fire)) == held, 30, "the correction holds again")
+
+
+def test_a_stray_tap_changes_nothing_without_a_confirmation(
+    desktop: tuple[Page, Seen], fire: Service
+) -> None:
+    page, _ = desktop
+    held, area = len(corrections(fire)), area_ha(fire)
+    corners = front_corners(fire)
+    middle = [sum(each[axis] for each in corners) / len(corners) for axis in (1, 0)]
+    page.evaluate("center => missionMap.jumpTo({ center })", middle)
+    page.click("#tools .unburned")
+    page.click("#tools .point")
+    draw(page, [place_of(page, middle[1], middle[0])])
+    expect(page.locator("#question")).to_contain_text("−")
+    outline = "missionMap.querySourceFeatures('preview').length"
+    wait_for(lambda: page.evaluate(outline) > 0, 30, "the new outline is on the map")
+    page.get_by_role("button", name="No", exact=True).click()
+    expect(page.locator("#message")).to_contain_text("not applied")
+    wait_for(lambda: page.evaluate(outline) == 0, 30, "the outline is removed")
+    assert len(corrections(fire)) == held
+    assert area_ha(fire) >= area
+    # A confirmed correction can be undone in its message.
+    draw(page, [place_of(page, middle[1], middle[0])])
+    page.get_by_role("button", name="Yes, do it").click()
+    wait_for(lambda: len(corrections(fire)) == held + 1, 30, "the correction is applied")
+    page.locator("#message").get_by_role("button", name="Undo").click()
+    wait_for(lambda: len(corrections(fire)) == held, 30, "the correction is undone")
+    page.click("#tools .move")
 
 
 def test_the_slider_shows_a_larger_fire_later(desktop: tuple[Page, Seen]) -> None:

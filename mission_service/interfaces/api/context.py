@@ -7,7 +7,9 @@ from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 
-from mission_service.core.request_events import ABORT
+from mission_service.core.request_events import ABORT, event_of
+from mission_service.errors import MissionServiceError
+from mission_service.events import AnyOperatorEvent
 from mission_service.interfaces.api.access.auth import Tokens, User
 from mission_service.interfaces.api.frames import Frames
 from mission_service.interfaces.api.live_stream import Streams
@@ -96,6 +98,16 @@ class ApiContext:
             is_accepted = request["do"] in self.context.request_handler.scope.accepted
             raise ApiError(422 if is_accepted else 409, str(found["error"]))
         return found
+
+    def event_of(self, user: User, request: dict[str, Any]) -> AnyOperatorEvent:
+        """Return the event that a request of ``user`` would make. Raises ApiError."""
+        handler, at_us = self.context.request_handler, self.context.clock.now_us
+        request = {**request, **self._requesting_operator(user, request)}
+        try:
+            return event_of(request, at_us, handler.scope)
+        except MissionServiceError as error:
+            is_accepted = request.get("do") in handler.scope.accepted
+            raise ApiError(422 if is_accepted else 409, str(error)) from None
 
     def _requesting_operator(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
         """Return the name and the station that a request contains.

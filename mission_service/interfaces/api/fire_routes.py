@@ -1,22 +1,33 @@
 """Defines the routes of the fire: fronts, forecasts, overlays, corrections and weather."""
 
 import asyncio
+from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 
+from firemodel.errors import FireModelError
+from mission_service.events import Corrected, Erased, Redone, Undone
 from mission_service.interfaces import examples
 from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.openapi import V1, file, json, route
 from mission_service.interfaces.api.perimeter_routes import read_in_process
-from mission_service.interfaces.api.responses import ApiError, answer, body_of, encode
+from mission_service.interfaces.api.responses import (
+    ApiError,
+    answer,
+    body_of,
+    encode,
+    json_body,
+)
 from mission_service.interfaces.maps import fronts, overlay, perimeter_export
 from mission_service.interfaces.maps.mercator import outline_of
 from mission_service.interfaces.maps.perimeter_import import LARGEST_BYTES
 from mission_service.interfaces.maps.upload_worker import Done, Job
+from mission_service.requests import Correct
 
 GEOJSON = "application/geo+json"
+PREVIEWED = (Corrected, Erased, Undone, Redone)
 LONGEST_S = 1e7
 FAR_S = 3600.0
 Seconds = Annotated[float | None, Query(ge=-LONGEST_S, le=LONGEST_S, allow_inf_nan=False)]
@@ -178,6 +189,19 @@ def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
     async def corrections() -> Response:
         return answer(api.context.fire()["corrections"])
 
+    @routes.post(
+        f"{V1}/fire/preview",
+        **route(
+            "correct",
+            "The burned area before and after a correction, an erasure, undo or redo, which is not "
+            "applied.",
+            json(examples.FIRE_PREVIEW),
+            json({"do": "correct", **Correct.example}),
+        ),
+    )
+    async def preview(request: Request) -> Response:
+        return await _previewed(api, request, [await json_body(request)])
+
     uploaded = {kind: {"schema": {"type": "string", "format": "binary"}} for kind in UPLOADS}
     accepted = json({"perimeter": examples.FRONT, "accepted": [examples.ACCEPTED]})
 
@@ -185,19 +209,24 @@ def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/fire/perimeter",
         **route(
             "correct",
-            "Correct the fire to the perimeter in this file; the service detects the format.",
+            "Correct the fire to the perimeter in this file; the service detects the format. With "
+            "`preview=true` the reply is that of `/fire/preview`, and nothing is applied.",
             accepted,
             uploaded,
         ),
     )
     async def perimeter(
-        request: Request, file_name: Annotated[str, Query(max_length=200)] = "the upload"
+        request: Request,
+        file_name: Annotated[str, Query(max_length=200)] = "the upload",
+        preview: bool = False,
     ) -> Response:
         data = await body_of(request, LARGEST_BYTES)
         outline = [(float(lon), float(lat)) for lon, lat in outline_of(api.context.landscape)]
         async with api.uploads:
             found = await read_in_process(Job(data, file_name, outline))
         assert isinstance(found, Done)
+        if preview:
+            return await _previewed(api, request, found.corrections)
         replies: list[dict[str, Any]] = []
         for each in found.corrections:
             try:
@@ -219,3 +248,30 @@ def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
         return answer(
             {"at_us": context.clock.now_us, "weather": context.weather(), "wind_set": wind_set}
         )
+
+
+async def _previewed(
+    api: ApiContext, request: Request, corrections: Sequence[dict[str, Any]]
+) -> Response:
+    """Return the burned area before and after corrections. Raises ApiError."""
+    reports = [api.event_of(request.state.user, each) for each in corrections]
+    if not all(isinstance(report, PREVIEWED) for report in reports):
+        raise ApiError(422, "preview: do is one of correct, erase, undo, redo")
+    land, at_s = api.context.landscape, api.context.clock.now_us / 1e6
+    try:
+        compute = api.context.estimate.preview(reports)
+    except FireModelError as error:
+        raise ApiError(409, str(error)) from None
+
+    def found() -> bytes:
+        before, after = compute()
+        arrival_s, start = after.arrival_time_s, after.start_area
+        shape = fronts.front_geojson(arrival_s, land, at_s, at_s, start_area=start)
+        areas = {"burned_ha_before": before.burned_ha, "burned_ha_after": after.burned_ha}
+        return encode({**areas, "front": shape})
+
+    try:
+        content = await api.run_in_thread(found)
+    except FireModelError as error:
+        raise ApiError(422, str(error)) from None
+    return Response(content, media_type="application/json")

@@ -1,27 +1,36 @@
 // Requests of the operator, each with a message about its result.
 
 import { errorText } from "./api.ts";
-import { byId } from "./dom.ts";
+import { byId, fill, h } from "./dom.ts";
 import type { Store } from "./store.ts";
 import type { Role } from "./types.ts";
 
 const SHOWN_MS = 6000;
+const SHOWN_WITH_UNDO_MS = 15_000;
 let timer = 0;
 
+/** The result of an operator's request: messages of the service, and how to undo it. */
+export interface Result {
+  messages?: string[];
+  undo?: () => void;
+}
+
 /** Show a message, also to screen readers; errors stay until the next message. */
-export function showMessage(text: string, bad = false): void {
+export function showMessage(text: string, bad = false, undo?: () => void): void {
   const element = byId("message");
-  element.textContent = text;
+  fill(element, text);
+  if (undo) element.append(h("button", { type: "button", onclick: undo }, "Undo"));
   element.className = bad ? "bad shown" : "shown";
   clearTimeout(timer);
-  if (!bad) timer = window.setTimeout(() => element.classList.remove("shown"), SHOWN_MS);
+  const shownMs = undo ? SHOWN_WITH_UNDO_MS : SHOWN_MS;
+  if (!bad) timer = window.setTimeout(() => element.classList.remove("shown"), shownMs);
 }
 
 /** Send a request and show the result; returns whether it succeeded. */
-export async function attempt(action: string, work: () => Promise<{ messages?: string[] } | void>): Promise<boolean> {
+export async function attempt(action: string, work: () => Promise<Result | void>): Promise<boolean> {
   try {
     const answer = await work();
-    showMessage(`${action}: ${(answer?.messages ?? []).join("; ") || "done"}`);
+    showMessage(`${action}: ${(answer?.messages ?? []).join("; ") || "done"}`, false, answer?.undo);
     return true;
   } catch (error) {
     showMessage(`${action}: failed: ${errorText(error)}`, true);

@@ -25,6 +25,7 @@ export const fireLayers: Layers = {
     "front-then": empty(),
     contours: empty(),
     corrections: empty(),
+    preview: empty(),
   },
   layers: [
     fillLayer("uncertainty", "uncertainty", { "fill-color": "#5b2a9d", "fill-opacity": 0.12 }, HIDDEN),
@@ -57,6 +58,8 @@ export const fireLayers: Layers = {
       "circle-stroke-color": "#fff",
       "circle-stroke-width": 2,
     }, { filter: ["==", ["geometry-type"], "Point"] }),
+    lineLayer("preview-halo", "preview", { "line-color": "#fff", "line-width": 7 }),
+    lineLayer("preview-line", "preview", { "line-color": "#0b57d0", "line-width": 4, "line-dasharray": [2, 1] }),
   ],
 };
 
@@ -121,6 +124,7 @@ export function followFire(
   const drawn = (): void =>
     show(map, "corrections", collection((store.state?.fire.corrections ?? []).map(markOf)));
 
+  store.on(["preview"], () => show(map, "preview", store.preview ?? collection()));
   store.on(["fire"], () => {
     now();
     if (store.inMin) then();

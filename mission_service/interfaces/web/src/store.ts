@@ -39,6 +39,7 @@ export type Topic =
   | "status"
   | "replay"
   | "link" // connection to the service
+  | "preview" // the fire after a correction that waits for its confirmation
   | "chosen" // the selected vehicle
   | "moment"; // the selected time
 
@@ -73,6 +74,7 @@ export class Store {
   missed = false; // the service has positions that are missing here
   chosen = "";
   inMin = 0; // the selected time, from now
+  preview: GeoJSON.Feature | null = null; // the fire after a correction that is not sent yet
   linked = false;
   lossReason = "not connected yet";
   receivedAt = 0; // performance.now() of the last received data
@@ -129,6 +131,11 @@ export class Store {
   selectImage(key: string): void {
     this.imageKey = key;
     this.changed("images");
+  }
+
+  showPreview(front: GeoJSON.Feature | null): void {
+    this.preview = front;
+    this.changed("preview");
   }
 
   selectTime(inMin: number): void {

@@ -5,6 +5,7 @@ import { attempt, lacking, showMessage } from "./actions.ts";
 import { post } from "./api.ts";
 import { closeHelp, confirmed } from "./dialogs.ts";
 import { byId, h, setReason, setText } from "./dom.ts";
+import { acceptsChange, type Preview } from "./fire_preview.ts";
 import { shortcut } from "./keys.ts";
 import type { Pen, Pens, Shape, Stroke, Tool } from "./pens.ts";
 import type { Store } from "./store.ts";
@@ -117,11 +118,20 @@ export class Toolbar {
   async send({ tool, points, radiusM }: Stroke): Promise<boolean> {
     if ("eraser" in tool) {
       const [lat_deg, lon_deg] = points[0]!;
-      return attempt("Erase", () => post("fire/erase", { lat_deg, lon_deg, radius_m: Math.round(radiusM) }));
+      return this.correct("Erase", "erase", "fire/erase", { lat_deg, lon_deg, radius_m: Math.round(radiusM) });
     }
     if (tool.pen === "closed") return this.closeAirspace(points);
     const body = { state: tool.pen, shape: tool.shape, points, in_s: this.inMin * 60 };
-    return attempt(`Correction (${tool.pen}, ${moment(this.inMin)})`, () => post("fire/corrections", body));
+    return this.correct(`Correction (${tool.pen}, ${moment(this.inMin)})`, "correct", "fire/corrections", body);
+  }
+
+  /** Send a correction, after a question if it changes much of the fire; the message offers to undo it. */
+  private correct(action: string, request: string, path: string, body: object): Promise<boolean> {
+    return attempt(action, async () => {
+      const preview = (): Promise<Preview> => post<Preview>("fire/preview", { do: request, ...body });
+      if (!(await acceptsChange(this.store, preview))) return { messages: ["not applied"] };
+      return { ...await post(path, body), undo: () => this.back("undo") };
+    });
   }
 
   /** Close the airspace over an area after a confirmation. */

@@ -5,6 +5,7 @@ import { ask, get, post } from "../api.ts";
 import { coalesced } from "../coalesce.ts";
 import { fill, h, setReason, setText } from "../dom.ts";
 import type { ArrivalScale } from "../fire_layer.ts";
+import { acceptsChange, type Preview } from "../fire_preview.ts";
 import type { Group } from "../map.ts";
 import type { Store } from "../store.ts";
 import { area, clock, compass, speed } from "../units.ts";
@@ -107,8 +108,12 @@ export class FirePanel {
     const reason = lacking(this.store, "correct");
     if (reason) return showMessage(reason, true);
     await attempt(`Perimeter ${file.name}`, async () => {
-      const type = { "Content-Type": file.type || "application/octet-stream" };
-      const answer = await ask("fire/perimeter", { method: "POST", body: file, headers: type });
+      const headers = { "Content-Type": file.type || "application/octet-stream" };
+      const send = (query: string): Promise<Response> =>
+        ask(`fire/perimeter${query}`, { method: "POST", body: file, headers });
+      const preview = async (): Promise<Preview> => (await (await send("?preview=true")).json()) as Preview;
+      if (!(await acceptsChange(this.store, preview))) return { messages: ["not applied"] };
+      const answer = await send("");
       const { accepted } = (await answer.json()) as { accepted: { messages: string[] }[] };
       return { messages: [`${accepted.length} outlines accepted`, ...accepted.flatMap((each) => each.messages)] };
     });
