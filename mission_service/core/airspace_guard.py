@@ -473,6 +473,10 @@ class AirspaceGuard:
             if vehicle.availability.mode == "hold":
                 return self._raised(vehicle, words)
             return [*self._raised(vehicle, words), announce(vehicle, words), Hold(vehicle.name)]
+        in_mission = vehicle.availability.mode == MISSION
+        if returns and in_mission and self._flight_conflict(vehicle, fix, airspace) is None:
+            state.evasion = Evasion.HOLD  # the flight under way is free; a hold would not be
+            return self._raised(vehicle, f"flies on: no way home is free of {conflict}")
         leaves = self._evasions.way_out(vehicle, fix, airspace, state)
         if leaves is None:
             return self._raised(vehicle, f"has no free way out of {conflict}", "severe")

@@ -40,6 +40,7 @@ from mission_service.runtime.published_states import (
     MissionState,
     NearbyAircraft,
     OrbitState,
+    Record,
     SourceState,
     TelemetryState,
     VehicleState,
@@ -91,6 +92,7 @@ MISSION = MissionState(
     on_board=Mission(41, 4_212_000_000, "follow the front", "accepted", "", HASH, (ITEM,)),
 )
 ALARM = Alarm("link/hawk", AT_US, "hawk", "severe", "hawk: link lost")
+RECORD = Record(18, AT_US, "", "info", "ann draws a burned area", "fire")
 ANNOUNCEMENT = Announcement(17, AT_US, "hawk", "info", "turns back: importance is higher behind")
 REPLAY = ReplayState(
     AT_US,
@@ -241,7 +243,18 @@ TRACK = {
 OF: dict[type, msgspec.Struct] = {
     type(each): each
     for each in (
-        *(TELEMETRY, VEHICLE, MISSION, ALARM, ANNOUNCEMENT, REPLAY, STATE, PREVIEW, IMPORTANCE),
+        *(
+            TELEMETRY,
+            VEHICLE,
+            MISSION,
+            ALARM,
+            ANNOUNCEMENT,
+            RECORD,
+            REPLAY,
+            STATE,
+            PREVIEW,
+            IMPORTANCE,
+        ),
         *(SOURCE, IMAGE, AIRSPACE, AIRCRAFT, INTENTS),
         ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),

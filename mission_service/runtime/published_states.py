@@ -216,6 +216,20 @@ class Announcement(msgspec.Struct, tag="event/1", tag_field="schema"):
     text: str
 
 
+RecordKind = Literal["fire", "settings", "mission", "alarm"]
+
+
+class Record(msgspec.Struct, tag="record/1", tag_field="schema"):
+    """A line of the log that is not announced: a correction of the fire, a mission, an alarm."""
+
+    id: int
+    at_us: int
+    vehicle: str
+    level: str
+    text: str
+    kind: RecordKind
+
+
 SourceKind = Literal["camera", "sensor", "detector", "person"]
 SourceStatus = Literal["waiting", "live", "late", "silent", "contradicts", "failed"]
 

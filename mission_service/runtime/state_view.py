@@ -76,6 +76,7 @@ from mission_service.events import (
 from mission_service.fire.camera import camera_of
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.missions.mission_hash import mission_hash
+from mission_service.operator_lines import operator_line
 from mission_service.runtime.alarms.nearby_aircraft import AircraftView
 from mission_service.runtime.alarms.notices import Notices
 from mission_service.runtime.observation_sources import ObservationSources
@@ -86,6 +87,7 @@ from mission_service.runtime.published_states import (
     MissionState,
     NearbyAircraft,
     OrbitState,
+    RecordKind,
     SourceState,
     TelemetryState,
     VehicleState,
@@ -166,7 +168,8 @@ class StateView(Notices):
         self._failed_sensors: tuple[str, ...] = ()
         self._sources_due_us = at_us
         self._sources_shown: tuple[tuple[str, str, str, int], ...] = ()
-        self._touch("status", "fire", "burn", "airspace", "alarms", "announcements", "sources")
+        self._touch("status", "fire", "burn", "airspace", "alarms", "announcements", "records")
+        self._touch("sources")
         if scenario.surveillance is not None:
             self._touch("aircraft")
         for name in self.vehicles:
@@ -183,6 +186,10 @@ class StateView(Notices):
         self.statistics.apply(event, commands)
         if isinstance(event, OperatorEvent):
             self._asked(event, questioned(commands))
+            line = operator_line(event)
+            if line:
+                kind: RecordKind = "settings" if isinstance(event, SettingsChanged) else "fire"
+                self._record(kind, "", line)
         elif event.vehicle in self.vehicles:
             self._happened(self.vehicles[event.vehicle], event)
         for command in commands:
@@ -416,10 +423,13 @@ class StateView(Notices):
         vehicle.uploads_accepted = uploads["accepted"]
         vehicle.uploads_failed = uploads.total() - vehicle.uploads_accepted
         mission.at_us = event.at_us
+        size = f"mission of {len(sent.items)} items"
         if event.outcome == "accepted":
+            self._record("mission", name, f"{size} on board: {sent.why}")
             mission.on_board, mission.sending = sent, None
             self.clear_alarm(f"mission/{name}")
         else:
+            self._record("mission", name, f"{size} {event.outcome}: {event.reason}", "warning")
             text = f"{name}: mission {event.outcome}: {event.reason}"
             self.alarm(f"mission/{name}", text, "warning", name)
         self._touch(f"mission/{name}")

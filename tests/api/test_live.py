@@ -79,7 +79,7 @@ def test_a_new_client_gets_all_and_then_what_changes(flying: World) -> None:
         kinds = {event for event, _, _ in reader.events}
         assert kinds == {
             "vehicle", "telemetry", "mission", "fire", "sources", "burn", "airspace", "alarms",
-            "announcements", "status",
+            "announcements", "records", "status",
         }  # fmt: skip
         numbers = [number for _, number, _ in reader.events]
         assert numbers == sorted(numbers)

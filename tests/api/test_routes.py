@@ -643,3 +643,33 @@ def test_every_route_is_in_the_documentation_with_its_role(flying: World) -> Non
         for each in routes_of(served(flying).app.routes)
         for method in each.methods or ()
     }
+
+
+def test_the_log_names_the_author_of_each_change(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of())
+    world.fly(3700.0)
+    point = {"state": "burned", "shape": "point", "points": [list(SQUARE[0])], "in_s": -600.0}
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        before = (await got(http, "/state"))["version"]
+        await posted(http, "/fire/corrections", **point, by="Ann")
+        await posted(http, "/fire/undo", by="Bob")
+        await posted(http, "/wind", speed_m_s=3.0, from_deg=90.0, by="Ann")
+        await http.patch(f"{V1}/planner", json={"alpha": 1.5, "by": "Cem"})
+        found = [
+            (each["kind"], each["text"])
+            for each in await got(http, f"/records?after={before}")
+            if each["kind"] in ("fire", "settings")
+        ]
+        assert found == [
+            ("fire", "Ann draws a burned point, for 10 min earlier"),
+            ("fire", "Bob undoes the last correction"),
+            ("fire", "Ann sets the wind: 3.0 m/s from 90°"),
+            ("settings", "Cem changes settings: alpha = 1.5"),
+        ]
+        missions = [each for each in await got(http, "/records") if each["kind"] == "mission"]
+        assert missions
+        assert {each["vehicle"] for each in missions} == {"hawk", "kite"}
+        assert " on board: " in missions[0]["text"]
+
+    asked(world, ask)

@@ -70,6 +70,7 @@ def without_alarms(service: Engine) -> dict[str, Any]:
     view.alarms.clear()
     view.statistics.alarms.clear()
     view.announcements.clear()
+    view.records.clear()
     view.changed.clear()
     view.version = view.announcement_id = view.announcement_count = 0
     return kept

@@ -222,6 +222,22 @@ def test_wind_is_drawn_and_set(desktop: tuple[Page, Seen], fire: Service) -> Non
     assert (wind["from_deg"], wind["speed_m_s"], wind["by"]) == (270, 10, "boss")
 
 
+def test_the_log_names_the_author_and_can_be_filtered(
+    desktop: tuple[Page, Seen], fire: Service
+) -> None:
+    page, _ = desktop
+    page.click("#tab-log")
+    log = page.locator("#panel-log ol")
+    expect(log).to_contain_text("boss draws a burned area")
+    expect(log).to_contain_text("boss sets the wind: 10.0 m/s from 270°")
+    expect(log).to_contain_text("on board: ")
+    state_view(page, "log")
+    page.uncheck("#log-mission")
+    expect(log).not_to_contain_text("on board: ")
+    expect(log).to_contain_text("boss sets the wind")
+    page.check("#log-mission")
+
+
 def test_planner_settings_are_submitted(desktop: tuple[Page, Seen], fire: Service) -> None:
     page, _ = desktop
     page.click("#tab-planner")

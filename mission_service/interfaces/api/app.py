@@ -45,6 +45,7 @@ from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
     Announcement,
     MissionState,
+    Record,
     SourceState,
     TelemetryState,
     VehicleState,
@@ -64,6 +65,7 @@ ANSWERS = (
     OperationalIntents,
     MissionState,
     Announcement,
+    Record,
     ReplayState,
     SourceState,
     TelemetryState,

@@ -35,10 +35,10 @@ class Frames:
         return b"".join(self._frame(key, version, since) for version, key in new)
 
     def _frame(self, key: str, version: int, since: int) -> bytes:
-        # Announcements differ between clients: only those after ``since``.
-        if key == "announcements":
-            lines = [line for line in self._context.state_view.announcements if line.id > since]
-            return _event("announcements", version, lines)
+        # The lines of the log differ between clients: only those after ``since``.
+        if key in ("announcements", "records"):
+            lines = getattr(self._context.state_view, key)
+            return _event(key, version, [line for line in lines if line.id > since])
         cached = self._cached.get(key)
         if cached is None or cached[0] != version:
             kind, _, name = key.partition("/")

@@ -14,6 +14,7 @@ from mission_service.runtime.published_states import (
     ItemState,
     MissionState,
     NearbyAircraft,
+    Record,
     SourceState,
     TelemetryState,
     VehicleState,
@@ -87,6 +88,7 @@ class FullState(msgspec.Struct):
     sources: list[SourceState] = []
     airspace: AirspaceStatus | None = None
     aircraft: list[NearbyAircraft] = []
+    records: list[Record] = []
 
 
 class MissionDifference(msgspec.Struct):

@@ -13,7 +13,12 @@ from mission_service.interfaces.api.models import FullState, RequestResult, land
 from mission_service.interfaces.api.openapi import OPERATOR_FIELDS, V1, route, struct, structs
 from mission_service.interfaces.api.planner_routes import planner_of
 from mission_service.interfaces.api.responses import ApiError, answer
-from mission_service.runtime.published_states import AirspaceStatus, Announcement, NearbyAircraft
+from mission_service.runtime.published_states import (
+    AirspaceStatus,
+    Announcement,
+    NearbyAircraft,
+    Record,
+)
 
 LARGEST = 2**53
 BY, STATION = OPERATOR_FIELDS["by"]["description"], OPERATOR_FIELDS["station"]["description"]
@@ -54,6 +59,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
                 state_view.sources(),
                 context.airspace(),
                 state_view.aircraft(),
+                list(state_view.records),
             )
         )
 
@@ -97,6 +103,18 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     )
     async def announcements(after: Annotated[int, Query(ge=0, le=LARGEST)] = 0) -> Response:
         return answer([line for line in api.context.state_view.announcements if line.id > after])
+
+    @routes.get(
+        f"{V1}/records",
+        **route(
+            "look",
+            "The latest 500 lines of the log that are not announced: corrections of the fire, "
+            "wind, settings, missions and alarms.",
+            structs(Record),
+        ),
+    )
+    async def records(after: Annotated[int, Query(ge=0, le=LARGEST)] = 0) -> Response:
+        return answer([line for line in api.context.state_view.records if line.id > after])
 
     @routes.get(
         f"{V1}/aircraft",

@@ -5,20 +5,21 @@ fire is simulated again.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import Fire
-from mission_service.commands import AnyCommand, UploadMission
+from mission_service.commands import Announce, AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
     AnyEvent,
     FireReachedEdge,
     LinkLost,
     Observed,
+    OperatorEvent,
     Telemetry,
     UploadFinished,
 )
@@ -28,6 +29,7 @@ from mission_service.fire.simulated_cameras import fires_of_run
 from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.registry import way_of
 from mission_service.journal.reader import JournalReader
+from mission_service.operator_lines import operator_line
 from mission_service.replay.distance_error import TrueShape
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.runtime.observation_sources import ObservationSources
@@ -65,6 +67,15 @@ class Sample:
     age_worst_s: float
 
 
+class LogLine(NamedTuple):
+    """An announcement, or an operator's change; mission time."""
+
+    at_us: int
+    vehicle: str
+    text: str
+    by_operator: bool
+
+
 @dataclass
 class FireAnalysis:
     """A run's fire, its observation, and the planners' decisions."""
@@ -81,6 +92,7 @@ class FireAnalysis:
     revisits_s: list[float] = field(default_factory=list)
     directions: dict[str, list[tuple[int, bool | None]]] = field(default_factory=dict)
     uploads: list[Upload] = field(default_factory=list)
+    log: list[LogLine] = field(default_factory=list)
     # Warnings about the scenario, then about fire at the edge of the landscape.
     warnings: list[str] = field(default_factory=list)
     reached_edge_us: int | None = None  # mission time of the event ``FireReachedEdge``
@@ -182,7 +194,14 @@ class _Analyser:
                 self._analysis.warnings.append(edge_text(event))
             case _:
                 pass
+        by_operator = isinstance(event, OperatorEvent)
+        change = operator_line(event) if isinstance(event, OperatorEvent) else ""
+        if change:
+            self._analysis.log.append(LogLine(event.at_us, "", change, True))
         for command in commands:
+            if isinstance(command, Announce):
+                line = LogLine(event.at_us, command.vehicle, command.text, by_operator)
+                self._analysis.log.append(line)
             if isinstance(command, UploadMission):
                 name = command.vehicle
                 sent = Upload(name, event.at_us, command.why, len(command.items))

@@ -113,6 +113,8 @@ def _events(run: RunAnalysis) -> list[ReportLine]:
         for drop in record.drops:
             text = f"drop {drop.number + 1} ordered at {drop.lat_deg:.6f}, {drop.lon_deg:.6f}: "
             add(drop.at_us, name, text + drop.outcome, drop.outcome != "done")
+    for line in fire.log:
+        add(line.at_us, line.vehicle, line.text, line.by_operator)
     for sent in fire.uploads:
         if sent.outcome not in ("accepted", "under way"):
             text = f"mission of {sent.items} items {sent.outcome} ({sent.why})"

@@ -4,11 +4,12 @@ from collections import deque
 from collections.abc import Mapping
 
 from mission_service.commands import Severity
-from mission_service.runtime.published_states import Alarm, Announcement
+from mission_service.runtime.published_states import Alarm, Announcement, Record, RecordKind
 from mission_service.runtime.run_statistics import RunStatistics
 
 MAX_ANNOUNCEMENTS = 500
 MAX_CLEARED = 50
+MAX_RECORDS = 500
 
 
 class Notices:
@@ -22,6 +23,7 @@ class Notices:
         self.alarms: dict[str, Alarm] = {}
         self.cleared: deque[Alarm] = deque(maxlen=MAX_CLEARED)
         self.announcements: deque[Announcement] = deque(maxlen=MAX_ANNOUNCEMENTS)
+        self.records: deque[Record] = deque(maxlen=MAX_RECORDS)
         self.announcement_id = 0
         self.announcement_count = 0
         self.last_id_before_restart = 0  # id of the last announcement before the last restart
@@ -35,6 +37,7 @@ class Notices:
         self.alarms[key] = Alarm(key, since_us, vehicle, severity, text)
         if before is None:
             self.statistics.alarms[key.partition("/")[0]] += 1
+            self._record("alarm", vehicle, f"alarm: {text}", "warning")
         self._touch("alarms")
 
     def show_alarms(self, prefix: str, texts: Mapping[str, str], severity: Severity) -> None:
@@ -51,6 +54,7 @@ class Notices:
         if alarm is not None:
             alarm.cleared_at_us = self.at_us
             self.cleared.append(alarm)
+            self._record("alarm", alarm.vehicle, f"end of the alarm: {alarm.text}")
             self._touch("alarms")
 
     def clear_all_but(self, *prefixes: str) -> None:
@@ -66,6 +70,11 @@ class Notices:
             Announcement(self.announcement_id, self.at_us, vehicle, level, text)
         )
         self._touch("announcements")
+
+    def _record(self, kind: RecordKind, vehicle: str, text: str, level: str = "info") -> None:
+        """Add a line to the log without an announcement."""
+        self._touch("records")  # the id is the version of the change
+        self.records.append(Record(self.version, self.at_us, vehicle, level, text, kind))
 
     def _warn(self, key: str, text: str) -> None:
         """Raise an alarm about the fire and announce it."""

@@ -12,6 +12,7 @@ import type {
   MapImage,
   MissionState,
   Announcement,
+  LogRecord,
   Replay,
   Source,
   State,
@@ -36,6 +37,7 @@ export type Topic =
   | "airspace"
   | "alarms"
   | "announcements"
+  | "records" // further lines of the log
   | "status"
   | "replay"
   | "link" // connection to the service
@@ -43,7 +45,7 @@ export type Topic =
   | "chosen" // the selected vehicle
   | "moment"; // the selected time
 
-const MAX_ANNOUNCEMENTS = 200;
+const MAX_LINES = 500; // of announcements, and of records
 const MISSED_S = 5; // a longer interval between two positions of a vehicle: the page was too slow
 export const TRACK_S = 900; // longer tracks would cover the fire
 const SILENT_MS = 15_000; // the service sends at least a comment each 10 s
@@ -58,7 +60,7 @@ class Jumped extends Error {}
 export const imageKey = ({ source, number }: MapImage): string => `${source}/${number}`;
 
 /** Old and new lines, without repetition. */
-function joined(before: Announcement[], received: Announcement[]): Announcement[] {
+function joined<Line extends Announcement>(before: Line[], received: Line[]): Line[] {
   const last = before.at(-1)?.id ?? 0;
   return [...before, ...received.filter((line) => line.id > last)];
 }
@@ -264,7 +266,10 @@ export class Store {
         this.state.alarms = part as Alarm[];
         break;
       case "announcements":
-        this.state.announcements = joined(this.state.announcements, part as Announcement[]).slice(-MAX_ANNOUNCEMENTS);
+        this.state.announcements = joined(this.state.announcements, part as Announcement[]).slice(-MAX_LINES);
+        break;
+      case "records":
+        this.state.records = joined(this.state.records, part as LogRecord[]).slice(-MAX_LINES);
         break;
       case "replay":
         if ((part as Replay).jumps !== this.state.replay?.jumps) throw new Jumped();

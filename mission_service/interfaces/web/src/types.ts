@@ -128,6 +128,11 @@ export interface Announcement {
   text: string;
 }
 
+/** A line of the log that is not announced. */
+export interface LogRecord extends Announcement {
+  kind: "fire" | "settings" | "mission" | "alarm";
+}
+
 export interface Fire {
   at_us: number;
   version: number; // increases with each correction by an operator
@@ -403,6 +408,7 @@ export interface State {
   burn: Burn | null;
   alarms: Alarm[];
   announcements: Announcement[];
+  records: LogRecord[];
   landscape: Landscape;
   rule: string;
   planner: Planner;
