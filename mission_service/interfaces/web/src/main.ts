@@ -15,6 +15,7 @@ import { extentOf, pointsOf } from "./geo.ts";
 import { followImages, IMAGE_GROUPS, imageLayers } from "./image_layer.ts";
 import { listenForKeys, shortcut } from "./keys.ts";
 import { type Group, makeMap } from "./map.ts";
+import { followMeasured, measureLayers } from "./measure_layer.ts";
 import { followObservations, OBSERVATION_GROUPS, observationLayers } from "./observation_layer.ts";
 import { BurnPanel } from "./panels/burn.ts";
 import { FirePanel } from "./panels/fire.ts";
@@ -91,6 +92,7 @@ async function makeMapOnce(): Promise<void> {
     burnLayers,
     aircraftLayers,
     vehicleLayers,
+    measureLayers,
   ]);
   map = made;
   pens = new Pens(made, (stroke) => void toolbar.send(stroke), (text) => {
@@ -106,6 +108,7 @@ async function makeMapOnce(): Promise<void> {
   followAircraft(made, store);
   followBurn(made, store);
   followAirspace(made, store);
+  followMeasured(made, store);
   store.changed("all");
   Object.assign(window, { missionMap: made }); // for the console, and for tests
   byId("map").dataset.ready = "yes";

@@ -19,6 +19,7 @@ import {
 } from "maplibre-gl";
 import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?worker&url";
 import { BASE, get, headers } from "./api.ts";
+import { CoordinatesControl } from "./coordinates.ts";
 import type { Landscape } from "./types.ts";
 
 setWorkerUrl(workerUrl);
@@ -147,6 +148,7 @@ export async function makeMap(
   map.addControl(new NavigationControl({ showCompass: false }), "top-right");
   map.addControl(new ScaleControl({ unit: "metric" }), "bottom-left");
   map.addControl(new ScaleControl({ unit: "imperial" }), "bottom-left");
+  map.addControl(new CoordinatesControl(), "bottom-left");
   map.addControl(new AttributionControl({ compact: true, customAttribution: "MapLibre" }));
   map.getCanvas().setAttribute("aria-label", "Map: arrow keys move it, + and − zoom");
   await map.once("style.load");

@@ -8,7 +8,7 @@ import { h } from "./dom.ts";
 import { simplified, uncrossed } from "./geo.ts";
 
 export type State = "burned" | "burning" | "unburned";
-export type Pen = State | "closed"; // closed: airspace
+export type Pen = State | "closed" | "measure"; // closed: airspace; measure: the length of a line
 export type Shape = "point" | "line" | "polygon";
 export type Tool = { pen: Pen; shape: Shape } | { eraser: true; radiusPx: number } | null;
 
@@ -19,7 +19,7 @@ export interface Stroke {
 }
 
 export const COLOURS: Record<Pen, string> = {
-  burned: "#5a1a00", burning: "#d40000", unburned: "#00529b", closed: "#4a148c",
+  burned: "#5a1a00", burning: "#d40000", unburned: "#00529b", closed: "#4a148c", measure: "#111111",
 };
 const TOLERANCE_PX = 1.5;
 const MAX_POINTS = 900;

@@ -41,6 +41,7 @@ export type Topic =
   | "status"
   | "replay"
   | "link" // connection to the service
+  | "measured" // the measured line
   | "preview" // the fire after a correction that waits for its confirmation
   | "chosen" // the selected vehicle
   | "moment"; // the selected time
@@ -76,6 +77,7 @@ export class Store {
   missed = false; // the service has positions that are missing here
   chosen = "";
   inMin = 0; // the selected time, from now
+  measured: [number, number][] = []; // the measured line: lat, lon
   preview: GeoJSON.Feature | null = null; // the fire after a correction that is not sent yet
   linked = false;
   lossReason = "not connected yet";
@@ -133,6 +135,11 @@ export class Store {
   selectImage(key: string): void {
     this.imageKey = key;
     this.changed("images");
+  }
+
+  showMeasured(points: [number, number][]): void {
+    this.measured = points;
+    this.changed("measured");
   }
 
   showPreview(front: GeoJSON.Feature | null): void {

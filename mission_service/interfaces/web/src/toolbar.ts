@@ -17,8 +17,10 @@ const PENS: [Pen, string, string][] = [
   ["burning", "Burning", "f"],
   ["unburned", "Unburned", "u"],
   ["closed", "Closed", "x"],
+  ["measure", "Measure", "l"],
 ];
-const TITLES: Partial<Record<Pen, string>> = { closed: "Closed airspace" };
+const TITLES: Partial<Record<Pen, string>> = { closed: "Closed airspace", measure: "Measure a line" };
+const SHAPE_OF: Partial<Record<Pen, Shape>> = { closed: "polygon", measure: "line" }; // of all others the chosen one
 const SHAPES: [Shape, string, string][] = [["point", "Point", "1"], ["line", "Line", "2"], ["polygon", "Area", "3"]];
 const ERASER_PX = 22;
 
@@ -51,7 +53,7 @@ export class Toolbar {
     );
     shortcut("v", "Move the map", () => this.selectPen(null));
     for (const [state, label, key] of PENS) {
-      shortcut(key, `Pen: ${(TITLES[state] ?? label).toLowerCase()}; Space adds a corner, Enter ends the stroke`, () => this.selectPen(state));
+      shortcut(key, `${(TITLES[state] ?? `Pen: ${label.toLowerCase()}`)}; Space adds a corner, Enter ends the stroke`, () => this.selectPen(state));
     }
     for (const [shape, label, key] of SHAPES) {
       shortcut(key, `Shape of the pen: ${label.toLowerCase()}`, () => this.selectShape(shape));
@@ -69,7 +71,7 @@ export class Toolbar {
   }
 
   private selectPen(pen: Pen | "eraser" | null): void {
-    const reason = pen ? lacking(this.store, roleOf(pen)) : "";
+    const reason = pen && pen !== "measure" ? lacking(this.store, roleOf(pen)) : "";
     if (reason) return showMessage(reason, true);
     this.pen = pen;
     this.applyTool();
@@ -87,17 +89,18 @@ export class Toolbar {
         ? null
         : this.pen === "eraser"
           ? { eraser: true, radiusPx: ERASER_PX }
-          : { pen: this.pen, shape: this.pen === "closed" ? "polygon" : this.shape };
+          : { pen: this.pen, shape: SHAPE_OF[this.pen] ?? this.shape };
     this.pens()?.use(tool);
+    if (this.pen !== "measure") this.store.showMeasured([]);
     this.renew();
   }
 
   private renew(): void {
-    const pressed = new Set<string>([this.pen ?? "move", this.pen === "closed" ? "polygon" : this.shape]);
+    const pressed = new Set<string>([this.pen ?? "move", this.pen && this.pen !== "eraser" ? (SHAPE_OF[this.pen] ?? this.shape) : this.shape]);
     const reason = lacking(this.store, "correct");
     for (const [key, button] of this.buttons) {
       if (key !== "undo" && key !== "redo") button.setAttribute("aria-pressed", String(pressed.has(key)));
-      if (key !== "move") setReason(button, lacking(this.store, roleOf(key)));
+      if (key !== "move" && key !== "measure") setReason(button, lacking(this.store, roleOf(key)));
     }
     setReason(this.atSlider, reason || (this.store.inMin === 0 ? "The slider is at now" : ""));
     setText(this.when, `for ${moment(this.inMin)}`);
@@ -119,6 +122,10 @@ export class Toolbar {
     if ("eraser" in tool) {
       const [lat_deg, lon_deg] = points[0]!;
       return this.correct("Erase", "erase", "fire/erase", { lat_deg, lon_deg, radius_m: Math.round(radiusM) });
+    }
+    if (tool.pen === "measure") {
+      this.store.showMeasured(points);
+      return true;
     }
     if (tool.pen === "closed") return this.closeAirspace(points);
     const body = { state: tool.pen, shape: tool.shape, points, in_s: this.inMin * 60 };
