@@ -7,7 +7,8 @@ A violation is
 - a position or a leg above the altitude limit,
 - a commanded altitude lower above the ground than ordered by the scenario, except takeoff and
   landing,
-- a vehicle that enters a closed volume, if it was far away when the volume closed,
+- a vehicle that enters a closed volume, if it was far away when the volume closed, and no operator
+  has ordered a hold or an abort beside the volume,
 - a vehicle in a closed volume that gets no command for ``REACTS_S``,
 - a vehicle that stays in a closed volume longer than the flight to a free place outside takes,
 - a vehicle that comes lower than ``MIN_HEIGHT_M`` above the ground in its mission or in a hold,
@@ -39,6 +40,7 @@ FREE_M = 350.0  # a vehicle farther from a volume that closes has the time to tu
 REACTS_S = 20.0  # report, upload (up to 3 s), start, and the way ahead meanwhile
 SLOWER = 1.3  # the flown way out compared with the straight one
 BEARINGS = 24
+HOLD_RADII = 2.6  # a hold reaches this multiple of the loiter's radius
 
 
 class Checker:
@@ -63,6 +65,8 @@ class Checker:
     def _event(self, event: Line) -> Iterator[str]:
         self._at_s = event["at_us"] / 1e6
         self._airspace_changed(event)
+        if event["type"] == "Aborted" or event.get("order") == "hold":
+            self._held(event.get("vehicle", ""))
         flown = self.flown.get(event.get("vehicle", ""))
         if flown is None:
             return
@@ -85,6 +89,17 @@ class Checker:
                     flown.on_board = sent
             case _:
                 pass
+
+    def _held(self, name: str) -> None:
+        """An operator holds one vehicle or all: a plane circles where it is, on either side."""
+        for each, flown in self.flown.items():
+            if name not in ("", each) or flown.position is None:
+                continue
+            reach_m = HOLD_RADII * self.rules.kinds[each].loiter_radius_m
+            for volume in self.rules.closed:
+                visit = flown.visits.get(volume.name)
+                if visit is not None and volume.off_m(flown.position[:2]) < reach_m:
+                    visit.free = False
 
     def _airspace_changed(self, event: Line) -> None:
         """Apply a request that closes or opens a volume."""

@@ -53,8 +53,9 @@ class Airspace:
     ) -> str | None:
         """Return the airspace that the parts would enter, in words; None without a conflict.
 
-        For a flight that begins at ``start`` within the margin of a volume, the horizontal margin
-        is the distance of ``start`` from the volume, so that the flight can leave the margin.
+        If a flight begins at ``start`` within the margin of a volume, the horizontal margin of the
+        parts within that margin of ``start`` is the distance of ``start`` from the volume, so that
+        the flight can leave the margin.
         """
         parts = list(parts)
         for volume in self.volumes:
@@ -71,13 +72,17 @@ class Airspace:
     def _enters(self, parts: Sequence[Part], volume: Volume, start: Position | None) -> bool:
         margin_m, vertical_m = self.margins.horizontal_m, self.margins.vertical_m
         floor_m, ceiling_m = volume.floor_m - vertical_m, volume.ceiling_m + vertical_m
+        here, margin_here_m = None, margin_m
         if start is not None and floor_m < start[2] < ceiling_m:
-            off_m = float(shapely.distance(volume.area_m, shapely.Point(start[:2])))
-            margin_m = min(margin_m, max(off_m - 1.0, 0.0))
+            here = shapely.Point(start[:2])
+            off_m = float(shapely.distance(volume.area_m, here))
+            margin_here_m = min(margin_m, max(off_m - 1.0, 0.0))
         for part in parts:
             if part.highest_m <= floor_m or part.lowest_m >= ceiling_m:
                 continue
-            if shapely.dwithin(volume.area_m, part.shape, margin_m):
+            begins_here = here is not None and shapely.dwithin(part.shape, here, margin_m)
+            least_m = margin_here_m if begins_here else margin_m
+            if shapely.dwithin(volume.area_m, part.shape, least_m):
                 return True
         return False
 

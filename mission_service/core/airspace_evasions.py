@@ -36,7 +36,6 @@ Floats = NDArray[np.float64]
 NEAR_HOME_M = 400.0  # a way around that ends farther from home does not lead home
 BEYOND_M = 20.0  # distance of the loiter outside from the margin of a volume
 LEVEL_CLEARANCE_M = 30.0  # least height above ground of a level flight out of a volume
-SAMPLE_M = 15.0
 CUTS_M = (0.0, 150.0, 300.0, 600.0)  # the path is shortened by each length until it is free
 
 
@@ -69,23 +68,26 @@ class Evasions:
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
             items, planned = self._straight_off(vehicle, path, fix)
-            for way in self._altitudes_of(items, path, fix):
+            for way in self._altitudes_of(items, path, fix, beyond_m):
                 places = planned if way is items else self._space.route(vehicle, way)
                 if not self._enters_another(places, fix, airspace):
                     state.evasion, why = Evasion.EXIT, "leave closed airspace"
                     return self._upload(vehicle, path, way, places, fix, why, state)
         return None
 
-    def _altitudes_of(self, items: Items, path: Floats, fix: PositionFix) -> Iterator[Items]:
+    def _altitudes_of(
+        self, items: Items, path: Floats, fix: PositionFix, reach_m: float
+    ) -> Iterator[Items]:
         """Yield a mission out of a volume at different altitudes, the preferred one first.
 
-        A descent could lead from above a volume into it, and a climb from below.
+        A descent could lead from above a volume into it, and a climb from below. A level flight
+        is clear of the ground within ``reach_m`` of its way.
         """
         yield _at_altitudes(items, lambda z: max(z, fix.altitude_m))
         yield items
-        line = np.linspace(path[0], path[-1], math.ceil(math.dist(*path[[0, -1]]) / SAMPLE_M) + 1)
-        ground_m = self._landscape.elevation_at(line[:, 0], line[:, 1])
-        if fix.altitude_m - float(np.max(ground_m)) >= LEVEL_CLEARANCE_M:
+        start, end = (fix.x_m, fix.y_m), (float(path[-1, 0]), float(path[-1, 1]))
+        ground_m = highest_ground_m(self._landscape, start, end, reach_m)
+        if fix.altitude_m - ground_m >= LEVEL_CLEARANCE_M:
             yield _at_altitudes(items, lambda z: min(z, fix.altitude_m))
 
     def way_home(

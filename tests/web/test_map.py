@@ -9,6 +9,7 @@ import contextlib
 import json
 import math
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ IMAGES = os.environ.get("MAP_PICTURES", "")
 # Without a graphics card, drawing time depends on the number of pixels.
 DESKTOP, TABLET = ((1440, 900) if IMAGES else (960, 640)), (1180, 820)
 SPEEDUP = 10
+MEASURED = """[...new Set(missionMap.querySourceFeatures('measured')
+  .map((each) => each.properties.label).filter(Boolean))]"""
 
 
 @pytest.fixture(scope="module")
@@ -220,6 +223,42 @@ def test_wind_is_drawn_and_set(desktop: tuple[Page, Seen], fire: Service) -> Non
     button.click()
     wind = wait_for(lambda: fire.get("weather")["wind_set"], 30, "the wind is set")
     assert (wind["from_deg"], wind["speed_m_s"], wind["by"]) == (270, 10, "boss")
+
+
+def test_coordinates_follow_the_pointer_in_three_formats(desktop: tuple[Page, Seen]) -> None:
+    page, _ = desktop
+    page.evaluate("missionMap.jumpTo({ center: [-84.150, 36.355], zoom: 14 })")
+    box = page.locator("#map").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    shown = page.locator(".coordinates")
+    expect(shown).to_have_text(re.compile(r"^36\.35\d{3}, -84\.1[45]\d{3}$"))
+    shown.click()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    expect(shown).to_have_text(re.compile(r"^N 36° 21\.\d{3}′ W 84° 0?[89]\.\d{3}′$"))
+    shown.click()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    # pyproj: 36.355 N 84.150 W is 755 786 m E, 4 027 212 m N of zone 16
+    expect(shown).to_have_text(re.compile(r"^16S GF 55\d{3} 27\d{3}$"))
+    shown.click()
+
+
+def test_a_line_is_measured(desktop: tuple[Page, Seen], fire: Service) -> None:
+    page, _ = desktop
+    held = len(corrections(fire))
+    page.click("#tools .measure")
+
+    def measured() -> bool:
+        """897 m to the east; a banner above the map may move it in the meantime."""
+        draw(page, [place_of(page, 36.355, lon_deg) for lon_deg in (-84.155, -84.145)])
+        page.wait_for_timeout(300)
+        return bool(page.evaluate(MEASURED) == ["897 m (2943 ft), 090°"])
+
+    wait_for(measured, 30, "the line is measured")
+    state_view(page, "measured")
+    page.click("#tools .move")
+    wait_for(lambda: page.evaluate(MEASURED) == [], 30, "the line is removed")
+    assert len(corrections(fire)) == held
 
 
 def test_the_log_names_the_author_and_can_be_filtered(
