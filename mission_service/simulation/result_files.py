@@ -43,11 +43,7 @@ DAMAGE: tuple[type[Exception], ...] = (
 
 # The tables of a scenario on which its fire depends.
 USED = {"name", "seed", "time_zero", "duration_s", "landscape", "fire", "ensemble", "ignition"}
-<<<<<<< HEAD
-USED |= {"weather", "weather_file", "wind_grids", "burn", "suppression"}
-=======
-USED |= {"weather", "weather_file", "wind_grids", "terrain_wind", "burn"}
->>>>>>> 5361dd2d (fire wind, [terrain_wind]; docs)
+USED |= {"weather", "weather_file", "wind_grids", "terrain_wind", "burn", "suppression"}
 
 
 def recipe_of(scenarios: Sequence[Scenario]) -> Recipe:
