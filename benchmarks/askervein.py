@@ -4,12 +4,12 @@
 
 FOLDER contains the measured speeds (the folder Askervein_Hill of the public repository
 firemodels/exp). TERRAIN is ``z_data.csv`` (public repository firemodels/fds, folder
-Validation/Askervein_Hill), which has the hill without its surroundings, or the contour map ``.map``
-(public repository firemodels/cad, folder Case_Studies/Askervein_Hill).
+Validation/Askervein_Hill), which contains the hill without its surroundings, or the contour map
+``.map`` (public repository firemodels/cad, folder Case_Studies/Askervein_Hill).
 
-The reference wind is that of the mast RS, upwind of the hill on flat ground: the speed that the
-files state by speed and fractional speed-up, from 206°, 10 m above ground with a roughness length
-of 0.03 m (Taylor & Teunissen 1987, Boundary-Layer Meteorology 39, 15-39). No setting of the solver
+The reference wind is that of the mast RS, 10 m above flat ground upwind of the hill. It blows from
+206°; its speed follows from the speeds and fractional speed-ups in the files. The roughness length
+is 0.03 m (Taylor & Teunissen 1987, Boundary-Layer Meteorology 39, 15-39). No setting of the solver
 was chosen for this hill; ``--alpha`` shows how the result depends on the ratio of the precision
 moduli, which is 1 in neutral air. The baseline is the reference wind everywhere. Speeds of line AA
 are given relative to a reference wind, those of line A in m/s.
@@ -28,7 +28,7 @@ from scipy.interpolate import LinearNDInterpolator, RegularGridInterpolator
 from benchmarks.shared import check_folder
 from firemodel.arrays import Floats
 from firemodel.wind import Surface, TerrainWind, local_wind, terrain_wind
-from firemodel.wind.terrain_wind import NEUTRAL
+from firemodel.wind.terrain_wind import NEUTRAL_ALPHA_RATIO
 
 WEST_M, EAST_M, SOUTH_M, NORTH_M = 74399.0, 77048.0, 22042.0, 24533.0  # of z_data.csv
 HILLTOP_M, CENTRE_M = (75383.0, 23737.0), (75678.0, 23465.0)  # HT and CP
@@ -101,7 +101,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("terrain", type=Path)
     parser.add_argument("--cell", type=float, default=20.0, metavar="METRES")
-    parser.add_argument("--alpha", type=float, default=NEUTRAL, metavar="RATIO")
+    parser.add_argument("--alpha", type=float, default=NEUTRAL_ALPHA_RATIO, metavar="RATIO")
     options = parser.parse_args()
     folder = check_folder(options.folder)
     ground, west_m, north_m = ground_of(options.terrain, options.cell)

@@ -18,7 +18,7 @@ import numpy as np
 
 from firemodel.arrays import Floats
 from firemodel.wind import REFERENCE_M, surface_of_height, terrain_wind
-from firemodel.wind.terrain_wind import Map
+from firemodel.wind.terrain_wind import MapFunction
 
 CELL_M, RISE = 30.0, 0.25
 LIMIT_S, LIMIT_DIVERGENCE = 5.0, 1e-6
@@ -48,7 +48,10 @@ def main() -> None:
     small = surface_of_height(np.full((16, 16), 0.3))
     terrain_wind(hills(16, 0), CELL_M, small).responses(REFERENCE_M)  # compiles
     with ThreadPoolExecutor(2) as threads:
-        ways: tuple[tuple[str, Map], ...] = (("one thread", map), ("two threads", threads.map))
+        ways: tuple[tuple[str, MapFunction], ...] = (
+            ("one thread", map),
+            ("two threads", threads.map),
+        )
         for name, run in ways:
             began, used = time.perf_counter(), time.process_time()
             found = terrain_wind(ground, CELL_M, surface, run=run)

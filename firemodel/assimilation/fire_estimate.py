@@ -123,7 +123,7 @@ class FireEstimate:
     def _unlit(self, landscape: Landscape) -> AnyAngleFire:
         """Return a fire without burned cells, in the reported weather."""
         found = AnyAngleFire(landscape, self.weather, [], **self._scheme_settings)
-        found.hold(self._closings)
+        found.add_closings(self._closings)
         return found
 
     def _begin_at(self, ignitions: Sequence[Ignition]) -> None:

@@ -18,15 +18,15 @@ class WindStack(NamedTuple):
     grids: WindGrids  # in m/s at 20 ft
 
 
-def with_wind(
+def with_wind_stack(
     weather: WeatherStream, stack: WindStack, landscape: Landscape, interval_s: float
 ) -> WeatherStream:
     """Return a weather stream whose wind is that of grids.
 
     Between two grids, the wind vectors of each cell are interpolated linearly at multiples of
     ``interval_s`` after the first of them; each wind is used until the next. The last grid is used
-    until the end. The wind of an entry is the mean of the landscape (``mean_wind``). The moistures
-    are those of ``weather``, and so is the source.
+    until the end. The wind of an entry is the mean over the landscape (``mean_wind``). Moistures
+    and source are those of ``weather``.
     """
     times = sorted({*_times(stack, interval_s), *(entry.at_s for entry in weather.entries)})
     winds: dict[float, MeanWind] = {}

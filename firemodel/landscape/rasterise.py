@@ -80,10 +80,10 @@ def with_barriers(
 
 
 def cells_along(line: BaseGeometry, landscape: Landscape) -> tuple[NDArray[np.int64], Floats]:
-    """Return the cells of a line, and a length of the line at which it has left each cell.
+    """Return the cells of a line, and for each cell the length of the line up to the next cell.
 
-    The cells are those of ``cells_of``. The lengths are up to the middle of the line's way through
-    the next cell.
+    The cells are those of ``cells_of``. A length ends in the middle of the part of the line that
+    is in the next cell.
 
     Args:
         line: A LineString in the landscape's CRS.

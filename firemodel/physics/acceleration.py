@@ -3,12 +3,12 @@
 McAlpine & Wakimoto (1989, For. Sci. 35, 1314-1337), as in the Canadian Forest Fire Behavior
 Prediction System (1992, ST-X-3, eq. 70) and in FARSITE (Finney 1998, RMRS-RP-4): the share of the
 rate at time t after the ignition is 1 - exp(-a t). Because the share depends only on time, the fire
-is where a fire without acceleration is after the time t - (1 - exp(-a t))/a.
+at time t is as large as a fire without acceleration at time t - (1 - exp(-a t))/a.
 """
 
 import math
 
-# The constant a, in 1/s: 90 % of the rate after 20 minutes, and after 8 minutes.
+# The constant a: 90 % of the rate after 20 minutes (point source) and 8 minutes (line source).
 POINT_PER_S = 0.115 / 60.0
 LINE_PER_S = 0.300 / 60.0
 NEWTON_STEPS = 60  # more than Newton's method needs
@@ -25,7 +25,7 @@ def rate_share(since_s: float, per_s: float) -> float:
 
 
 def steady_time_s(since_s: float, per_s: float) -> float:
-    """Return the time in s in which a fire without acceleration gets as far.
+    """Return the time in s in which a fire without acceleration spreads as far.
 
     The arguments are those of ``rate_share``. After a long time the result is ``since_s`` - 1/a.
     """

@@ -20,7 +20,7 @@ GRAVITY_M_S2, AIR_KG_M3, AIR_KJ_KG_K, AIR_K = 9.81, 1.2, 1.005, 293.0
 
 
 def _warming_metres(intensity_kw_m: Any, wind_m_s: Any) -> Floats:
-    """Return the product of warming and height in K m; both are inversely proportional."""
+    """Return the product of warming and height in K m, which is the same at all heights."""
     intensity = np.asarray(intensity_kw_m, dtype=np.float64)
     buoyancy = BUOYANCY * intensity + np.asarray(wind_m_s, dtype=np.float64) ** 3
     found = np.zeros(np.broadcast(intensity, buoyancy).shape)
@@ -29,7 +29,7 @@ def _warming_metres(intensity_kw_m: Any, wind_m_s: Any) -> Floats:
 
 
 def warming_k(intensity_kw_m: Any, wind_m_s: Any, height_m: Any) -> Floats:
-    """Return how much the air at a height is warmed by a line of fire (Van Wagner 1973).
+    """Return the warming of the air at a height above a line of fire (Van Wagner 1973).
 
     The result is that of the centre of the plume, which wind tilts and cools.
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 
-MAX_SHARED = 2  # grids of which a field may be the sum
+MAX_GRIDS_OF_FIELD = 2  # grids of which a field may be the sum
 OPPOSED = 1e-6  # a vector mean below this fraction of the mean speed has no direction
 ROWS_AT_ONCE = 256  # grids are summed in blocks to save memory
 
@@ -65,8 +65,8 @@ class WindField:
     """The ratio of the local wind to the wind of a weather entry.
 
     The ratio is the sum of one or two ``grids``, each multiplied by a complex number: ``parts`` has
-    pairs of the number of a grid and its factor. Between two grids of a stack, fields are thus
-    interpolated without a grid of their own.
+    pairs of the number of a grid and its factor. A field between two grids of a stack can
+    thus be interpolated without a further grid.
     """
 
     grids: WindGrids
@@ -76,7 +76,7 @@ class WindField:
     def __post_init__(self) -> None:
         """Raise FireModelError for parts that do not fit the grids."""
         known = all(0 <= number < len(self.grids.toward) for number, _ in self.parts)
-        if not (1 <= len(self.parts) <= MAX_SHARED and known):
+        if not (1 <= len(self.parts) <= MAX_GRIDS_OF_FIELD and known):
             raise FireModelError(
                 f"wind field: parts = {self.parts}; give one or two grids from 0 to "
                 f"{len(self.grids.toward) - 1}"

@@ -1,9 +1,10 @@
-"""Let new fires accelerate (``acceleration``), in any scheme without random spread.
+"""Simulate new fires that accelerate (``acceleration``), in any scheme without random spread.
 
-Since the share of the rate depends only on the time since the ignition, a fire with acceleration is
-the same fire without, on another clock. Each ignition time has a fire of its own, whose weather
-changes at the times of its clock. A cell burns when the first of these fires reaches it. A fire
-that was already burning at the start (a mapped perimeter) is not new and has no acceleration.
+The share of the rate depends only on the time since the ignition. A fire with acceleration is
+therefore computed as a fire without acceleration whose times are converted by a clock. Each
+ignition time has a fire of its own, in which the weather changes at the times of its clock. A cell
+burns when the first of these fires reaches it. A fire that was already burning at the start (a
+mapped perimeter) is not new and has no acceleration.
 
 Spot fires burn on the clock of their parent, with a delay (``schemes.SPOT_FIRE_DELAY_S``).
 
@@ -29,36 +30,38 @@ _time_since = kernel(acceleration.time_since_s)
 
 
 class Clock(NamedTuple):
-    """The clock of a new fire; ``per_s`` is the constant a in 1/s, or infinity for an old fire."""
+    """The clock of a fire that was lit at ``at_s``.
+
+    ``per_s`` is the constant a in 1/s, or infinity for a fire that does not accelerate."""
 
     at_s: float
     per_s: float
 
     def steady_s(self, time_s: float) -> float:
-        """Return the time of the clock at a time; both are equal up to the ignition."""
+        """Return the time on the clock in s at a time; both are equal up to the ignition."""
         if time_s <= self.at_s or self.per_s == math.inf:
             return time_s
         return self.at_s + acceleration.steady_time_s(time_s - self.at_s, self.per_s)
 
     def times_s(self, steady_s: Floats) -> Floats:
-        """Return the times (n) at times of the clock."""
+        """Return the times (n) in s at times on the clock."""
         if self.per_s == math.inf:
             return steady_s
         return np.asarray(_times(steady_s, self.at_s, self.per_s))
 
     def rate_share(self, time_s: Floats) -> Floats:
-        """Return the share of the rate at times (n)."""
+        """Return the share of the steady rate (n) at times (n)."""
         if self.per_s == math.inf:
             return np.ones_like(time_s)
         return -np.expm1(-self.per_s * np.maximum(time_s - self.at_s, 0.0))
 
 
 class ClockedFire(NamedTuple):
-    """A fire whose own times are those of a clock; ``seen`` (y, x) has its cells counted so far."""
+    """A fire in the times of a clock; ``counted`` (y, x) are its burned cells counted so far."""
 
     fire: Fire
     clock: Clock
-    seen: Mask
+    counted: Mask
 
 
 class AcceleratedFire(Fire):
@@ -104,7 +107,7 @@ class AcceleratedFire(Fire):
         found = copy.copy(self)
         found._unlit = self._unlit.copy()
         found._fires = [
-            ClockedFire(each.fire.copy(), each.clock, each.seen.copy()) for each in self._fires
+            ClockedFire(each.fire.copy(), each.clock, each.counted.copy()) for each in self._fires
         ]
         found.arrival_time_s, found._owner = self.arrival_time_s.copy(), self._owner.copy()
         found._pending, found._lit = self._pending.copy(), self._lit.copy()
@@ -143,11 +146,11 @@ class AcceleratedFire(Fire):
             self._advance(number, to_time_s)
 
     def _advance(self, number: int, to_time_s: float) -> None:
-        fire, clock, seen = self._fires[number]
+        fire, clock, counted = self._fires[number]
         fire.advance(max(clock.steady_s(to_time_s), fire.time_s))
-        new = np.nonzero(fire.burned() & ~seen)
-        seen[new] = True
-        # The limit is only for rounding.
+        new = np.nonzero(fire.burned() & ~counted)
+        counted[new] = True
+        # The limit corrects errors of rounding.
         times_s = np.minimum(clock.times_s(fire.arrival_time_s[new]), to_time_s)
         first = times_s < self.arrival_time_s[new]
         here = new[0][first], new[1][first]
@@ -155,7 +158,7 @@ class AcceleratedFire(Fire):
         self._owner[here] = number
 
     def _ignite(self, cells: Sequence[tuple[int, int]], at_s: float) -> None:
-        """Begin the fires of the cells that are lit at a time, at which all fires are."""
+        """Begin the fires of the cells that are lit at ``at_s``, the present time of all fires."""
         fresh = [cell for cell in cells if self.arrival_time_s[cell] > at_s]
         if not fresh:
             return
@@ -202,7 +205,9 @@ class AcceleratedFire(Fire):
 
 @compiled
 def _times(steady_s, at_s, per_s):  # type: ignore[no-untyped-def]
-    """Return the times (n) at times of a clock; a loop, so that each result is independent."""
+    """Return the times (n) in s at times on a clock.
+
+    A loop, so that a result does not depend on the number of times."""
     found = np.empty_like(steady_s)
     for place in range(steady_s.size):
         found[place] = at_s + _time_since(steady_s[place] - at_s, per_s)

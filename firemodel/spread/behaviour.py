@@ -39,8 +39,8 @@ def behaviour_of(fire: Fire) -> Behaviour:
     The spread rate is normal to the front. This rate is computed from the cell's ellipse (Rothermel
     1972; Anderson 1983, INT-305) and the direction from which fire came. In an ignition cell the
     rate is that of the head. The intensity is Byram's. The flame length is after Byram 1959, where
-    crowns burn after Thomas 1963. A fire with acceleration has the lower rate and intensity of its
-    age.
+    crowns burn after Thomas 1963. With acceleration, rate and intensity
+    are those at the age of the fire.
 
     Args:
         fire: A fire that has been advanced to the time of interest.

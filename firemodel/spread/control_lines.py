@@ -1,7 +1,7 @@
-"""Build control lines over time: cells that cannot burn once the line has crossed them.
+"""Build control lines over time: cells that cannot burn once the construction has crossed them.
 
-The construction advances at a constant rate and is not interrupted by the fire. A line holds with
-the width of a cell; firebrands cross it.
+The construction advances at a constant rate and is not interrupted by the fire. A line is
+one cell wide, and fire never burns across it; firebrands fly over it.
 """
 
 import math
@@ -16,7 +16,7 @@ from firemodel.landscape.rasterise import cells_along
 from firemodel.spread.fire_scheme import Closing
 
 SECONDS_PER_H = 3600.0
-MAX_CELLS = 1e6  # longer lines would need much memory
+MAX_LENGTH_CELLS = 1e6  # longer lines would need much memory
 
 
 def closings_along(
@@ -29,7 +29,8 @@ def closings_along(
             landscape's CRS.
         landscape: The grid.
         at_s: The beginning of the construction in s.
-        rate_m_h: Metres of line in an hour, on the map; by default the lines exist at ``at_s``.
+        rate_m_h: Metres of line in an hour, on the map; by default the lines are complete at
+            ``at_s``.
 
     Returns:
         The closings, in order of time.
@@ -41,15 +42,15 @@ def closings_along(
     found: dict[float, list[int]] = {}
     built_m = 0.0
     for line in _lines(lines):
-        if not line.length < MAX_CELLS * landscape.cell_size_m:
-            raise FireModelError("control line: extends far from the landscape; check its places")
+        if not line.length < MAX_LENGTH_CELLS * landscape.cell_size_m:
+            raise FireModelError("control line: extends far from the landscape; check the points")
         cells, lengths_m = cells_along(line, landscape)
         for cell, length_m in zip(cells.tolist(), lengths_m.tolist(), strict=True):
             closes_s = at_s + SECONDS_PER_H * (built_m + length_m) / rate_m_h
             found.setdefault(closes_s, []).append(cell)
         built_m += line.length
     if not found:
-        raise FireModelError("control line: no part of it is on the landscape; check its place")
+        raise FireModelError("control line: no part of it is on the landscape; check the points")
     return [Closing(time_s, np.array(cells)) for time_s, cells in sorted(found.items())]
 
 

@@ -63,7 +63,7 @@ class Fire(ABC):
     firebrands: "Firebrands | None" = None  # only in schemes with ``emits_firebrands``
     _changes_s: list[float]  # times of the changes of weather, then infinity
     _closings: tuple[Closing, ...] = ()  # later closings, in order of time
-    _closed: tuple[Closing, ...] = ()  # closings that have taken effect, and the closed cells
+    _closed: tuple[Closing, ...] = ()  # closings in effect, each with the cells that it closed
 
     def __init__(
         self,
@@ -101,8 +101,8 @@ class Fire(ABC):
         self._burn_until(float(to_time_s))
         self.time_s = float(to_time_s)
 
-    def hold(self, closings: Sequence[Closing]) -> None:
-        """Make cells unburnable at the given times; cells that burn by then do not change."""
+    def add_closings(self, closings: Sequence[Closing]) -> None:
+        """Add cells that cannot burn from given times on; cells that burn before do not change."""
         self._closings = tuple(sorted((*self._closings, *closings), key=lambda each: each.at_s))
         self.advance(self.time_s)
 
@@ -233,7 +233,7 @@ class Fire(ABC):
         return np.stack([from_row, -from_col]) * self.landscape.cell_size_m
 
     def rate_share(self) -> float | Floats:
-        """Return the share (y, x) of its steady rate that the fire had at its arrival."""
+        """Return the share (y, x) of the steady rate at the arrival of the fire."""
         return 1.0
 
     def _expected_s(self) -> Floats:

@@ -31,7 +31,7 @@ class Firebrands:
 
     ``per_ha`` is the mean number of firebrands that land burning on receptive fuel, for each
     hectare whose crowns burn completely. Cells that burned before ``from_s`` emit none. Spot fires
-    begin ``delay_s`` after the landing.
+    begin ``delay_s`` after the landing of the firebrand.
     """
 
     per_ha: float

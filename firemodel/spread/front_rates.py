@@ -7,7 +7,7 @@ from firemodel.arrays import Floats
 from firemodel.compiled import compiled
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
-from firemodel.spread.local_spread import GRID, Tables, slowness_of, tables_of, terrain_of
+from firemodel.spread.local_spread import FIRST_GRID, Tables, slowness_of, tables_of, terrain_of
 from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 Integers = NDArray[np.int64]
@@ -61,7 +61,7 @@ class FrontRates:
         entry = self._weather.index_at(at_s)
         toward = np.deg2rad(self._landscape.grid_deg(wind[1] + 180.0))
         blowing = self._tables.wind[entry : entry + 1].copy()
-        blowing[0, :GRID] = wind[0], np.cos(toward), np.sin(toward)
+        blowing[0, :FIRST_GRID] = wind[0], np.cos(toward), np.sin(toward)
         tables = self._tables._replace(terms=self._tables.terms[entry : entry + 1], wind=blowing)
         return self._of(tables, 0, rows, cols, north, east)
 

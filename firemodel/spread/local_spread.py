@@ -20,7 +20,7 @@ from firemodel.physics import rothermel
 from firemodel.physics.crown_fire import METHODS, NO_CROWNS, SCOTT_REINHARDT
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, fireline_intensity_kw_m, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
-from firemodel.physics.wind_field import MAX_SHARED, WindGrids
+from firemodel.physics.wind_field import MAX_GRIDS_OF_FIELD, WindGrids
 from firemodel.spread.crown_spread import (
     NO_CANOPY,
     Canopy,
@@ -36,7 +36,7 @@ HEAT, CROWN = 6, 7  # places in ``Tables.terms``
 NO_FACTOR = np.ones(1, dtype=np.float32)
 ONE_FUEL = np.zeros(1, dtype=np.int64)
 NO_GRIDS = np.empty((0, 2, 1), dtype=np.float32)
-GRID = 3  # place in ``Tables.wind`` of the first grid
+FIRST_GRID = 3  # place in ``Tables.wind`` of the first grid
 MAX_FACTOR = 1e6  # limit of factors of wind and spread rates
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
@@ -227,15 +227,15 @@ def tables_of(
 def _winds(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
     """Return ``Tables.wind``."""
     _, places = _grids_of(landscape, entries)
-    found = np.zeros((len(entries), GRID + 3 * MAX_SHARED if places else GRID))
-    found[:, GRID:] = -1.0
+    found = np.zeros((len(entries), FIRST_GRID + 3 * MAX_GRIDS_OF_FIELD if places else FIRST_GRID))
+    found[:, FIRST_GRID:] = -1.0
     for number, entry in enumerate(entries):
         toward = math.radians(landscape.grid_deg(entry.wind_from_deg + 180.0))
-        found[number, :GRID] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
+        found[number, :FIRST_GRID] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
         if entry.wind_field is not None:
             first = places[id(entry.wind_field.grids)]
             parts = [(first + grid, each.real, each.imag) for grid, each in entry.wind_field.parts]
-            found[number, GRID : GRID + 3 * len(parts)] = np.ravel(parts)
+            found[number, FIRST_GRID : FIRST_GRID + 3 * len(parts)] = np.ravel(parts)
     return found
 
 
@@ -265,8 +265,8 @@ def perturbed(
     terms[entry + 1 :, :, 0] *= spread_factor
     terms[entry + 1 :, :, CROWN] *= spread_factor
     cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
-    speed, north, east = tables.wind[entry:, :GRID].T
-    wind[entry + 1 :, :GRID] = np.stack(
+    speed, north, east = tables.wind[entry:, :FIRST_GRID].T
+    wind[entry + 1 :, :FIRST_GRID] = np.stack(
         [speed * wind_factor, north * cos - east * sin, east * cos + north * sin], axis=1
     )
     return tables._replace(terms=terms, wind=wind)
@@ -277,10 +277,10 @@ def wind_at(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     """Return the wind in a cell: m/s at 20 ft, and the unit vector toward which it blows."""
     wind, grids = tables.wind, terrain.wind_grids
     speed, north, east = wind[entry, 0], wind[entry, 1], wind[entry, 2]
-    if grids.shape[0] == 0 or wind[entry, GRID] < 0.0:
+    if grids.shape[0] == 0 or wind[entry, FIRST_GRID] < 0.0:
         return speed, north, east
     real = imaginary = 0.0
-    for place in range(GRID, GRID + 3 * MAX_SHARED, 3):
+    for place in range(FIRST_GRID, FIRST_GRID + 3 * MAX_GRIDS_OF_FIELD, 3):
         grid = int(wind[entry, place])
         if grid >= 0:
             to_north, to_east = np.float64(grids[grid, 0, cell]), np.float64(grids[grid, 1, cell])

@@ -43,8 +43,8 @@ CROWN = ("crown", "foliar_moisture_pct")
 # fuel, as the lowest usual "ignition frequency" in FARSITE.
 FIREBRANDS_PER_HA, AIR_TEMPERATURE_C = 5.0, 25.0
 ACCELERATION = "acceleration"
-# Spot fires are on the clock of the fire that emits them. Instead of accelerating, they begin later
-# by the time that a new fire loses in the end.
+# Spot fires burn on the clock of the fire that emits them. Instead of accelerating, they begin
+# later, by the delay of an accelerated fire after a long time.
 SPOT_FIRE_DELAY_S = 1.0 / POINT_PER_S
 SPOTTING = ("spotting", "firebrands_per_ha", "air_temperature_c")
 SCHEMES: dict[SchemeName, Scheme] = {
@@ -121,7 +121,7 @@ def new_fire(
         found: Fire = AcceleratedFire(unlit, ignitions, old, burning)
     else:
         found = begun(ignitions, burning)
-    found.hold(closings)
+    found.add_closings(closings)
     return found
 
 

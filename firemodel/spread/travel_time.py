@@ -73,7 +73,7 @@ def with_rate_factor(ground: Ground, rate_factor: NDArray[np.float32]) -> Ground
 
 
 def with_weather_of(ground: Ground, model: Ground, tables: Tables) -> Ground:
-    """Return a ``Ground`` with the tables and the wind grids of another one's weather."""
+    """Return a ``Ground`` with ``tables`` and with the wind grids of ``model``."""
     grids, terrain, reach = model.terrain.wind_grids, ground.terrain, ground.reach
     if grids is not terrain.wind_grids:
         terrain = terrain._replace(wind_grids=grids)

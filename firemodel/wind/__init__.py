@@ -1,4 +1,4 @@
-"""Wind over terrain: one wind becomes the wind of each cell, without divergence.
+"""Compute the wind in each cell over terrain, without divergence, from one wind.
 
 ``terrain_wind`` solves a landscape once; its result gives the wind for any speed and direction.
 """

@@ -33,7 +33,7 @@ class MeasuredWind(NamedTuple):
 
 
 class FittedWind(NamedTuple):
-    """The reference wind that explains measurements, and how it differs from place to place.
+    """The reference wind fitted to measurements, which varies in space.
 
     The reference wind (2: towards north, and towards east, in m/s) at a position is ``mean`` plus
     the covariances with the measured positions times ``gains`` (m, 2).
@@ -88,14 +88,14 @@ def fit_wind(
     length_m: float = LENGTH_M,
     deviation_m_s: float = DEVIATION_M_S,
 ) -> FittedWind:
-    """Return the reference wind that best explains measurements.
+    """Return the reference wind that fits measurements best.
 
     The wind at a place is the response of the terrain to a reference wind that varies slowly in
     space: an unknown mean plus a Gaussian process with an exponential covariance (universal
     kriging; Cressie 1993, Statistics for Spatial Data, ch. 3). The mean is estimated by generalised
-    least squares. Because measurements constrain the reference wind, those of an aircraft high
-    above a valley also inform about the wind at the ground. Where the reference wind varies, the
-    result has a divergence of its gradient, about ``deviation_m_s / length_m``.
+    least squares. Because all measurements are fitted by one reference wind, those of an
+    aircraft high above a valley also improve the wind at the ground. Where the reference wind
+    varies, the result has a divergence of about ``deviation_m_s / length_m``.
 
     Args:
         terrain: The solutions for the landscape.

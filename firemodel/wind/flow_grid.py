@@ -18,7 +18,7 @@ LAYERS = 20
 MIN_BUFFER_CELLS = 8
 BUFFER_MULTIPLE = 16  # columns and rows are a multiple of it, so that the grid can be halved often
 MIN_DEPTH_M = 1000.0
-DEPTH_IN_RELIEFS = 2.0  # the flow above the highest ground is at least this deep
+MIN_DEPTH_IN_RELIEFS = 2.0  # the flow above the highest ground is at least this deep
 FIRST_LAYER_M = 2.0
 MAX_ELEVATION_M = 9000.0
 
@@ -95,12 +95,12 @@ def flow_grid(elevation_m: NDArray[np.floating], cell_m: float, layers: int = LA
         row, col = divmod(int(np.argmin(valid)), elevation_m.shape[1])
         raise FireModelError(
             f"wind over terrain: the elevation is {elevation_m[row, col]} at row {row}, column "
-            f"{col}; fill missing elevations before"
+            f"{col}; fill missing elevations first"
         )
     sides = [_buffer(size) for size in elevation_m.shape]
     ground = np.pad(elevation_m.astype(np.float64), sides, mode="edge")
     lowest, highest = float(ground.min()), float(ground.max())
-    above = max(MIN_DEPTH_M, DEPTH_IN_RELIEFS * (highest - lowest))
+    above = max(MIN_DEPTH_M, MIN_DEPTH_IN_RELIEFS * (highest - lowest))
     deepest = highest - lowest + above
     return FlowGrid(
         ground,

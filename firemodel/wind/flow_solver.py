@@ -24,7 +24,7 @@ COARSEST_SWEEPS = 6
 
 
 class Potential(NamedTuple):
-    """The potential (n + 1, y, x) of a correction, with margins, and how it was found.
+    """The potential (n + 1, y, x) of a correction, with margins; ``steps`` are those of the solver.
 
     ``divergence_1_s`` is the largest divergence of the corrected wind.
     """

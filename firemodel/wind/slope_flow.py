@@ -17,7 +17,7 @@ from firemodel.physics.sunlight import Sun, clear_sunlight_w_m2
 from firemodel.wind.flow_grid import FlowGrid
 from firemodel.wind.flow_solver import Stack, solve_potential
 from firemodel.wind.slope_kernels import slope_lengths
-from firemodel.wind.terrain_wind import DIVERGENCE, TerrainWind
+from firemodel.wind.terrain_wind import MAX_DIVERGENCE, TerrainWind
 
 GRAVITY_M_S2 = 9.81
 AIR_J_M3_K = 1.2 * 1005.0  # heat capacity of air
@@ -131,7 +131,7 @@ def slope_wind(
     within = np.clip(displaced + flow.depth_m - bounds[:-1], 0.0, np.diff(bounds, axis=0))
     shares = within / np.diff(bounds, axis=0)
     initial = _narrow(shares * flow.east_m_s), _narrow(shares * -flow.north_m_s)
-    found = solve_potential(grid, initial, terrain.alpha_ratio, DIVERGENCE / grid.cell_m)
+    found = solve_potential(grid, initial, terrain.alpha_ratio, MAX_DIVERGENCE / grid.cell_m)
     above = terrain.surface.height_m + above_vegetation_m
     east, south = terrain.corrections(found.phi, above)
     inside = above - terrain.surface.displacement_m < flow.depth_m[inner]

@@ -1,4 +1,4 @@
-"""Follow slopes up or down, compiled."""
+"""Measure the length and height of slopes upward or downward, compiled."""
 
 import math
 
@@ -19,7 +19,7 @@ def _height_at(elevation, row, col):  # type: ignore[no-untyped-def]
 
 @kernel
 def slope_lengths(elevation, rise, upward, cell_m, length_m, height_m):  # type: ignore[no-untyped-def]
-    """Write how far and how high slopes reach from each cell, along a straight line.
+    """Write the length and the height in m of the slope from each cell along a straight line.
 
     ``rise`` (2, y, x) is the rise per metre towards north and east. The line follows the steepest
     rise of the cell where ``upward`` (y, x) is true, else the steepest fall, in steps of a cell, as

@@ -10,13 +10,14 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.physics.wind_field import WindGrids, response_field
-from firemodel.wind.terrain_wind import Map, TerrainWind, terrain_wind
+from firemodel.wind.terrain_wind import MapFunction, TerrainWind, terrain_wind
 from firemodel.wind.vegetation import REFERENCE_M, surface_of
 
-MIN_RESPONSE = 0.05  # a station with less of the reference wind does not determine this wind
+# A station with a smaller share of the reference wind is too sheltered to determine this wind.
+MIN_RESPONSE = 0.05
 
 
-def wind_of_landscape(landscape: Landscape, run: Map = map) -> TerrainWind:
+def wind_of_landscape(landscape: Landscape, run: MapFunction = map) -> TerrainWind:
     """Return the solutions for a landscape (see ``terrain_wind``).
 
     Args:
@@ -37,12 +38,12 @@ def wind_of_landscape(landscape: Landscape, run: Map = map) -> TerrainWind:
     return terrain_wind(landscape.elevation_m, landscape.cell_size_m, surface, run=run)
 
 
-def relative_to(responses: NDArray[np.float32], row: int, col: int) -> NDArray[np.float32]:
+def relative_to_station(responses: NDArray[np.float32], row: int, col: int) -> NDArray[np.float32]:
     """Return responses (2, 2, y, x) to the wind in the cell of a station, not the free wind.
 
     Raises FireModelError for a station sheltered from the wind.
     """
-    found = np.einsum("sr,rcyx->scyx", _free_of_local(responses, row, col), responses)
+    found = np.einsum("sr,rcyx->scyx", _free_per_local(responses, row, col), responses)
     return np.asarray(found, dtype=np.float32)
 
 
@@ -61,11 +62,11 @@ def free_wind(responses: NDArray[np.float32], row: int, col: int, local: Floats)
     Raises:
         FireModelError: The cell is sheltered from the wind.
     """
-    found: Floats = local @ _free_of_local(responses, row, col)
+    found: Floats = local @ _free_per_local(responses, row, col)
     return found
 
 
-def _free_of_local(responses: NDArray[np.float32], row: int, col: int) -> Floats:
+def _free_per_local(responses: NDArray[np.float32], row: int, col: int) -> Floats:
     here = responses[:, :, row, col].astype(np.float64)
     if np.linalg.svd(here, compute_uv=False)[-1] < MIN_RESPONSE:
         raise FireModelError(
@@ -81,7 +82,8 @@ def over_terrain(
     """Return a weather stream whose winds differ from place to place.
 
     Args:
-        weather: The stream; its winds become those of ``responses_of``'s station or free wind.
+        weather: The stream; its winds are those at the station of ``responses_of``, or without a
+            station the free wind.
         responses: The local winds for a wind of 1 m/s (``responses_of``).
         landscape: The landscape, whose grid may not point to true north.
 
@@ -99,14 +101,14 @@ def over_terrain(
 
 
 def responses_of(
-    landscape: Landscape, station: tuple[int, int] | None = None, run: Map = map
+    landscape: Landscape, station: tuple[int, int] | None = None, run: MapFunction = map
 ) -> WindGrids:
     """Return the responses of a landscape's terrain, 20 ft above the vegetation.
 
     Args:
         landscape: A landscape with elevation.
-        station: The cell (row, column) in which winds are measured; without it, they are those of
-            the free wind around the landscape.
+        station: The cell (row, column) in which winds are measured; without a station, winds are
+            those of the free wind around the landscape.
         run: Calls a function for each direction, like ``map``.
 
     Returns:
@@ -116,4 +118,4 @@ def responses_of(
         FireModelError: See ``wind_of_landscape``; or the station is sheltered from the wind.
     """
     found = wind_of_landscape(landscape, run).responses(REFERENCE_M)
-    return WindGrids(found if station is None else relative_to(found, *station))
+    return WindGrids(found if station is None else relative_to_station(found, *station))

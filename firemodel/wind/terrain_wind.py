@@ -27,9 +27,9 @@ from firemodel.wind.vegetation import (
 )
 
 MAX_COLUMNS = 500_000  # larger landscapes are solved with larger cells
-DIVERGENCE = 5e-7  # largest divergence that remains, in units of reference speed over cell size
-NEUTRAL = 1.0
-Map = Callable[[Callable[[Initial], Potential], list[Initial]], Iterable[Potential]]
+MAX_DIVERGENCE = 5e-7  # largest divergence that remains, in units of reference speed over cell size
+NEUTRAL_ALPHA_RATIO = 1.0
+MapFunction = Callable[[Callable[[Initial], Potential], list[Initial]], Iterable[Potential]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,9 +144,9 @@ def terrain_wind(
     cell_m: float,
     surface: Surface,
     reference_m: float = REFERENCE_M,
-    alpha_ratio: float = NEUTRAL,
+    alpha_ratio: float = NEUTRAL_ALPHA_RATIO,
     max_columns: int = MAX_COLUMNS,
-    run: Map = map,
+    run: MapFunction = map,
 ) -> TerrainWind:
     """Solve the wind over terrain for two directions.
 
@@ -181,7 +181,7 @@ def terrain_wind(
     profile = profile_means(grid, wide, reference_m)
 
     def solve(initial: Initial) -> Potential:
-        return solve_potential(grid, initial, alpha_ratio, DIVERGENCE / grid.cell_m)
+        return solve_potential(grid, initial, alpha_ratio, MAX_DIVERGENCE / grid.cell_m)
 
     found = list(run(solve, [(profile, None), (None, profile)]))
     return TerrainWind(

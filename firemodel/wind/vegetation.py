@@ -18,7 +18,7 @@ from firemodel.wind.flow_grid import FlowGrid
 REFERENCE_M = 20.0 * M_PER_FT  # the height above the vegetation of the wind in weather entries
 DISPLACED, ROUGH = 0.64, 0.13  # shares of the height of the vegetation
 MIN_COVER = 0.05  # with fewer trees the height is that of the fuel bed, as in WindNinja
-BLENDING_M = 60.0  # from here on the profile is that of the whole landscape (Wieringa 1986)
+BLENDING_M = 60.0  # from this height on the profile is that of the mean roughness (Wieringa 1986)
 BOUNDARY_LAYER_M = 1000.0  # above it the initial wind is constant
 # Heights in metres of ground without fuel. The values are WindNinja's, adjusted to the same
 # roughness length with the share above.

@@ -81,8 +81,8 @@ class Airspace:
             if part.highest_m <= floor_m or part.lowest_m >= ceiling_m:
                 continue
             begins_here = here is not None and shapely.dwithin(part.shape, here, margin_m)
-            least_m = margin_here_m if begins_here else margin_m
-            if shapely.dwithin(volume.area_m, part.shape, least_m):
+            part_margin_m = margin_here_m if begins_here else margin_m
+            if shapely.dwithin(volume.area_m, part.shape, part_margin_m):
                 return True
         return False
 

@@ -217,7 +217,7 @@ def interval_table(intervals: list[dict[str, Any]]) -> str:
     "speed_m_s",
     type=click.FloatRange(0.0, 100.0),
     metavar="M_S",
-    help="Speed of the free wind, or of that at [terrain_wind]'s station (default: the weather).",
+    help="Speed of the free wind, or of the wind at [terrain_wind]'s station (default: weather).",
 )
 @click.option(
     "--from",
@@ -245,7 +245,7 @@ def fire_wind(
 ) -> None:
     """Compute the wind over the terrain of SCENARIO; write grids and a summary to DIR.
 
-    The grids are GeoTIFFs, and ASCII grids with the names of WindNinja, which [wind_grids] reads.
+    The grids are GeoTIFFs, and ASCII grids named as by WindNinja, for [wind_grids].
 
     The columns of FILE are lat_deg, lon_deg, above_ground_m, speed_m_s, from_deg (from true north)
     and optionally sd_m_s, the standard deviation of the error.
@@ -259,7 +259,9 @@ def fire_wind(
     if wind.speed_m_s is not None and wind.measured is not None:
         raise click.UsageError("give either --speed and --from, or --measured")
     if wind.at_s is not None and not wind.slope_flow and (wind.speed_m_s or wind.measured):
-        raise click.UsageError("--at has no effect with this wind and without --slope-flow")
+        raise click.UsageError(
+            "--at has no effect with a given wind; add --slope-flow, or leave out --at"
+        )
     with results_in(out, "repeat the command") as made:
         summary = run_wind(load_scenario(scenario, overrides), made, wind)
     echo(summary, as_json)

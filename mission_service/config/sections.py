@@ -212,8 +212,8 @@ class MissionSection(Section):
     With ``approval = "each"`` a mission is sent to its vehicle only after an operator has accepted
     the mission. The default height of each vehicle is ``layer_m`` above that of the preceding
     vehicle in the scenario. The required vertical separation between vehicles is ``separation_m``.
-    ``fire run`` computes the height up to which the air above the fire is more than
-    ``max_warming_k`` warmer.
+    ``fire run`` computes the height up to which the fire warms the air by more than
+    ``max_warming_k``.
     """
 
     horizon_m: Positive = 2500.0

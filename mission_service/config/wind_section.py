@@ -1,4 +1,4 @@
-"""Defines the table of wind that varies in space and time."""
+"""Defines the tables of wind that varies in space."""
 
 from datetime import datetime
 from pathlib import Path
@@ -10,7 +10,7 @@ from firemodel.landscape.wind_options import Height, North, Unit
 from mission_service.config.section_base import Finite, Latitude, Line, Longitude, Section
 
 
-class WindPair(Section):
+class WindFilePair(Section):
     """The grids of speed and direction at one time: ``at_s``, or a calendar ``time``."""
 
     speed: Path
@@ -24,7 +24,7 @@ class WindPair(Section):
         return self.time if self.at_s is None else self.at_s
 
     @model_validator(mode="after")
-    def _one_time(self) -> "WindPair":
+    def _one_time(self) -> "WindFilePair":
         if self.at_s is not None and self.time is not None:
             raise ValueError("give either at_s or time")
         return self
@@ -41,7 +41,7 @@ class WindGridsSection(Section):
     """
 
     path: Path | None = None
-    pairs: tuple[WindPair, ...] = ()
+    pairs: tuple[WindFilePair, ...] = ()
     at_s: tuple[Finite, ...] = ()
     start: datetime | None = None
     unit: Unit | None = None

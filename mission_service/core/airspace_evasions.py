@@ -80,7 +80,7 @@ class Evasions:
     ) -> Iterator[Items]:
         """Yield a mission out of a volume at different altitudes, the preferred one first.
 
-        A descent could lead from above a volume into it, and a climb from below. A level flight
+        A descent from above a volume could enter it, as could a climb from below. A level flight
         is clear of the ground within ``reach_m`` of its way.
         """
         yield _at_altitudes(items, lambda z: max(z, fix.altitude_m))

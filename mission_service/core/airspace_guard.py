@@ -186,7 +186,7 @@ class AirspaceGuard:
         state = self._states[vehicle.name]
         if not state.on_board:
             return [command]
-        if state.on_board_id == state.evasion_id != 0:  # its way leads out; its end must be free
+        if state.on_board_id == state.evasion_id != 0:  # a way out: its end must be free
             end = mission_parts(state.on_board)[-1:]
             conflict = airspace.conflict(end, self._landscape)
             state.acts_again_at_s = state.acts_again_at_s if conflict is None else at_s
@@ -475,7 +475,7 @@ class AirspaceGuard:
             return [*self._raised(vehicle, words), announce(vehicle, words), Hold(vehicle.name)]
         in_mission = vehicle.availability.mode == MISSION
         if returns and in_mission and self._flight_conflict(vehicle, fix, airspace) is None:
-            state.evasion = Evasion.HOLD  # the flight under way is free; a hold would not be
+            state.evasion = Evasion.HOLD  # this flight is free; a hold might not be
             return self._raised(vehicle, f"flies on: no way home is free of {conflict}")
         leaves = self._evasions.way_out(vehicle, fix, airspace, state)
         if leaves is None:

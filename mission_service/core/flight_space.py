@@ -60,7 +60,8 @@ class FlightSpace:
         here = (fix.x_m, fix.y_m)
         positions = [place.position for place in places]
         away = [each for each in positions if math.dist(each[:2], here) > 1.0] or positions[-1:]
-        # A first position where the vehicle is now is behind it when the mission begins.
+        # If the first position is that of the vehicle, it is behind the vehicle when the mission
+        # begins.
         for first, *then in (positions, away):
             for entry in self._entries(vehicle, fix, first[:2]):
                 parts += path_parts([*entry, first])
@@ -103,7 +104,7 @@ class FlightSpace:
     def of_return(self, vehicle: Vehicle, fix: PositionFix) -> list[Part]:
         """Return the space of the autopilot's return, at any altitude that it may use.
 
-        It leads straight home. A plane then circles above home.
+        The return leads straight home. A plane then circles above home.
         """
         home_altitude_m = self._home_altitude_m(vehicle)
         high_m = max(fix.altitude_m, home_altitude_m + RETURN_ABOVE_M)

@@ -16,7 +16,7 @@ from firemodel.errors import FireModelError
 from firemodel.input_warnings import FireInputs, input_warnings, time_zero_warnings
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
-from firemodel.landscape.gridded_wind import with_wind
+from firemodel.landscape.gridded_wind import with_wind_stack
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import burnable_cells, with_barriers
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel
@@ -125,11 +125,11 @@ def weather_of(scenario: Scenario) -> WeatherStream:
         and (file is None or file.dead_fuel_model != "nelson")
     ):
         return _weather(scenario)
-    return _stored(_Inputs(scenario, WEATHER_TABLES))
+    return _stored(_CacheKey(scenario, WEATHER_TABLES))
 
 
-class _Inputs:
-    """A scenario that equals another one with the same values of tables and the same files."""
+class _CacheKey:
+    """A scenario as the key of a cache: equal if the tables and their files are unchanged."""
 
     def __init__(self, scenario: Scenario, tables: set[str]) -> None:
         self.scenario = scenario
@@ -138,19 +138,19 @@ class _Inputs:
         self._key = scenario.model_dump_json(include=tables), stamps
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Inputs) and self._key == other._key
+        return isinstance(other, _CacheKey) and self._key == other._key
 
     def __hash__(self) -> int:
         return hash(self._key)
 
 
 @lru_cache(maxsize=2)
-def _stored(inputs: _Inputs) -> WeatherStream:
+def _stored(inputs: _CacheKey) -> WeatherStream:
     return _weather(inputs.scenario)
 
 
 @lru_cache(maxsize=2)
-def _terrain(inputs: _Inputs) -> WindGrids:
+def _terrain(inputs: _CacheKey) -> WindGrids:
     from firemodel.wind import responses_of
 
     landscape = landscape_of(inputs.scenario)
@@ -186,7 +186,7 @@ def _weather(scenario: Scenario) -> WeatherStream:
     if scenario.terrain_wind is not None:
         from firemodel.wind import over_terrain
 
-        responses = _terrain(_Inputs(scenario, TERRAIN_TABLES))
+        responses = _terrain(_CacheKey(scenario, TERRAIN_TABLES))
         return over_terrain(found, responses, landscape_of(scenario))
     return found
 
@@ -207,7 +207,7 @@ def _in_wind(
         [start for start in starts if start is not None],
         scenario.duration_s,
     )
-    return with_wind(weather, stack, landscape, section.interval_s)
+    return with_wind_stack(weather, stack, landscape, section.interval_s)
 
 
 def _from_file(section: WeatherFile, scenario: Scenario) -> WeatherStream:

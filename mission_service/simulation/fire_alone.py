@@ -82,10 +82,10 @@ def run_fire(
 
 
 def warm_heights_m(fire: Fire, max_warming_k: float | None) -> Floats | None:
-    """Return the height (y, x) above the ground up to which the front warms the air by more.
+    """Return the height (y, x) up to which the front warms the air by more than a limit.
 
-    Wind is left out, so that the height is an upper limit; unburned cells have NaN. The result is
-    None without a limit.
+    The height is in m above the ground, in calm air, which gives an upper limit. Unburned cells
+    have NaN. Without a limit, the result is None.
     """
     if max_warming_k is None:
         return None
@@ -104,7 +104,8 @@ def heat_warnings(scenario: Scenario, warm_m: Floats | None) -> list[str]:
             found.append(
                 f"{vehicle.name}: altitude_agl_m = {vehicle.altitude_agl_m:g}: the air above "
                 f"{cells} of {np.count_nonzero(warm_m > 0.0)} burned cells is more than "
-                f"{limit_k:g} K warmer when the front is there; this needs {highest_m:.0f} m"
+                f"{limit_k:g} K warmer when the front is there, "
+                f"up to {highest_m:.0f} m above the ground"
             )
     return found
 

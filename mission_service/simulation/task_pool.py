@@ -77,8 +77,8 @@ def dask_client(scheduler: str, command: str) -> Iterator[Any]:
                 f"{command}: {scheduler}: no certificates; set distributed.comm.tls in Dask's "
                 "configuration"
             )
-    # Errors that the client and its connection log are also raised as exceptions. Dask gives the
-    # client a level of its own.
+    # What the client and its connection log as errors is also raised as exceptions. Dask sets a
+    # level of its own for the logger of the client.
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     client_of: Any = distributed.Client

@@ -41,13 +41,13 @@ NO_VALUE = -9999
 
 
 class GivenWind(NamedTuple):
-    """The source of the wind: a wind, measurements in a file, or else the scenario's weather."""
+    """The source of the wind: speed and direction, measurements, or else the scenario's weather."""
 
     speed_m_s: float | None = None
     from_deg: float | None = None  # clockwise from true north
     measured: Path | None = None
     at_s: float | None = None
-    slope_flow: bool = False  # add the slope flow in the sunlight of at_s, in calendar time
+    slope_flow: bool = False  # add the slope flow in the sunlight at at_s
 
 
 def run_wind(scenario: Scenario, folder: Path, given: GivenWind) -> dict[str, Any]:
@@ -139,7 +139,9 @@ def _range_of(values: NDArray[np.floating]) -> dict[str, float]:
 def _free_wind(
     scenario: Scenario, given: GivenWind, landscape: Landscape, responses: NDArray[np.float32]
 ) -> Floats:
-    """Return the free wind (2) that gives the wind of the command or weather at its station."""
+    """Return the free wind (2) that gives the stated wind at the station, if there is one.
+
+    The stated wind is that of the command, or else of the weather."""
     if given.speed_m_s is not None and given.from_deg is not None:
         speed_m_s, true_deg = given.speed_m_s, given.from_deg
     else:
@@ -163,7 +165,7 @@ def _slope_wind(
 def _about_fit(
     terrain: TerrainWind, measured: list[MeasuredWind], fitted: FittedWind
 ) -> dict[str, Any]:
-    """Describe a fit: its errors at the measured places, and those of fits without each place."""
+    """Return the errors of a fit at the measured places, and of fits without each place."""
     left_out = []
     for number, each in enumerate(measured) if len(measured) > 1 else ():
         others = [*measured[:number], *measured[number + 1 :]]

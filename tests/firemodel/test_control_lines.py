@@ -129,8 +129,8 @@ def test_steps_and_copies_do_not_change_the_fire(
     again = burned(scheme, settings, closings, 41, stream)
     assert np.array_equal(once.arrival_time_s, again.arrival_time_s)
     half = new_fire(scheme, LAND, stream, [LIT], seed=3, **settings)
-    half.hold(closings[: len(closings) // 2])
-    half.hold(closings[len(closings) // 2 :])
+    half.add_closings(closings[: len(closings) // 2])
+    half.add_closings(closings[len(closings) // 2 :])
     half.advance(1300.0)
     other = half.copy()
     for fire in (half, other):

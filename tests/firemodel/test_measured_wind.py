@@ -21,7 +21,7 @@ from firemodel.wind import (
     wind_of_landscape,
 )
 from firemodel.wind.flow_grid import flow_grid
-from firemodel.wind.terrain_weather import relative_to
+from firemodel.wind.terrain_weather import relative_to_station
 from firemodel.wind.vegetation import (
     BLENDING_M,
     REFERENCE_M,
@@ -227,7 +227,7 @@ def test_stations_that_measure_nothing_are_refused(landscape: Landscape) -> None
     sheltered = responses.copy()
     sheltered[:, :, 3, 3] *= 0.01
     with pytest.raises(FireModelError, match="is sheltered from the wind"):
-        relative_to(sheltered, 3, 3)
+        relative_to_station(sheltered, 3, 3)
 
 
 def test_a_landscape_without_elevation_is_refused(landscape: Landscape) -> None:

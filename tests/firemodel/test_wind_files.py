@@ -16,7 +16,7 @@ from netCDF4 import Dataset
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.gridded_wind import WindStack, with_wind
+from firemodel.landscape.gridded_wind import WindStack, with_wind_stack
 from firemodel.landscape.info import describe
 from firemodel.landscape.readers.wind_files import WindFiles, read_wind
 from firemodel.physics.rothermel import M_S_PER_MPH
@@ -302,7 +302,7 @@ def stack_of(*winds: complex) -> WindStack:
 def test_winds_are_interpolated_in_time() -> None:
     entries = [weather(1.0, 5.0), replace(weather(2.0, 5.0, 1000.0), dead_1h_pct=3.0)]
     still = WeatherStream(entries, WeatherSource("station.csv", None, (20.0, 10.0)))
-    found = with_wind(still, stack_of(10.0, 10.0j), LAND, 900.0)
+    found = with_wind_stack(still, stack_of(10.0, 10.0j), LAND, 900.0)
     times = [entry.at_s for entry in found.entries]
     assert times == [0.0, 900.0, 1000.0, 1800.0, 2700.0, 3600.0]
     assert found.source is not None
@@ -321,7 +321,7 @@ def test_a_landscape_whose_north_is_not_true_north() -> None:
     """The mean wind is stated relative to true north, as in other weather."""
     east = replace(LAND, west_m=WEST_M + 200_000.0)
     assert east.grid_convergence_deg > 1.0
-    found = with_wind(WeatherStream([weather()]), stack_of(10.0), east, 900.0).entries[0]
+    found = with_wind_stack(WeatherStream([weather()]), stack_of(10.0), east, 900.0).entries[0]
     assert found.wind_from_deg == pytest.approx(180.0 + east.grid_convergence_deg)
 
 
@@ -356,7 +356,7 @@ def test_errors_of_files(tmp_path: Path) -> None:
     refused("CRS 'EPSG:1' is unknown", of(pair(tmp_path, "e", 20.0, 0.0, crs=None), crs="EPSG:1"))
     refused("differs from EPSG:32617", of(good, crs="EPSG:32617"))
     other = asc(tmp_path / "f.asc", 1.0, cell_m=110.0)
-    refused("bring both onto one grid", of((good[0], other)))
+    refused("resample both to one grid", of((good[0], other)))
     refused("has 2 bands; give a file with one", of((good[0], small(tmp_path / "g.tif"))))
     wrong = write_raster(tmp_path / "h.tif", np.full((30, 40), 5.0, "f4"), ("direction",))
     refused("is given as speed", of((wrong, good[1])))

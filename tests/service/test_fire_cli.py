@@ -432,7 +432,7 @@ def test_the_height_of_warm_air_and_the_altitudes_of_vehicles(tmp_path: Path) ->
     (line,) = (line for line in summary["warnings"] if "K warmer" in line)
     hot = np.count_nonzero(height_m > 10.0)
     assert line.startswith(f"hawk: altitude_agl_m = 10: the air above {hot} of {burned.sum()} ")
-    assert line.endswith(f"this needs {height_m.max():.0f} m")
+    assert line.endswith(f"up to {height_m.max():.0f} m above the ground")
     assert (out / "warm_height_m.qml").exists()
     high = ("--set", "mission.max_warming_k=20", "--set", "vehicles.0.altitude_agl_m=500")
     assert burn(path, out, *high)["warnings"] == []

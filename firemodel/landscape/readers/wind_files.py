@@ -54,7 +54,7 @@ class WindPair(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WindFiles:
-    """Files of wind, and the facts that the files may not contain.
+    """Files of wind, and what the files do not state themselves.
 
     Attributes:
         path: A file of all grids: .atm, GeoTIFF, NetCDF or GRIB.
@@ -90,8 +90,9 @@ def read_wind(
     Args:
         files: The files.
         landscape: The landscape, on whose grid the wind is needed.
-        starts: Calendar times of 0 s, of which the first is used that has a UTC offset as the times
-            in the files do, or has none as they do. Without starts, the first grid is at 0 s.
+        starts: Calendar times of 0 s. If the times in the files have a UTC offset, the first start
+            with an offset is used, else the first without. Without starts, the first grid is at
+            0 s.
         until_s: The end of the period for which wind is needed; later grids are not read.
 
     Returns:
@@ -261,10 +262,11 @@ def _seconds(pairs: Sequence[WindPair], starts: Sequence[datetime]) -> list[floa
 
 
 def _start_for(times: Iterable[Time], starts: Sequence[datetime]) -> datetime | None:
-    """Return the calendar time of 0 s: a start like the times, or else the first of the times.
+    """Return the calendar time of 0 s, or None if no time is a calendar time.
 
-    For times without a UTC offset, the local time of a start with an offset is used as a last
-    choice.
+    It is the first start that has a UTC offset if the times have one, or has none if they have
+    none. If there is no such start, it is the local time of the first start for times without an
+    offset, and the first start for times with one. Without starts, it is the first of the times.
     """
     dates = [time for time in times if isinstance(time, datetime)]
     if not dates:

@@ -93,7 +93,7 @@ def _datasets(path: Path, driver: str) -> list[str]:
 
 @contextmanager
 def _quietly(path: Path, driver: str, dataset: str) -> Iterator[Any]:
-    """Open a file without a warning about a missing CRS, which the reader reports."""
+    """Open a file without the warning about a missing CRS, which is an error later."""
     from rasterio.errors import NotGeoreferencedWarning
 
     with warnings.catch_warnings():
@@ -185,7 +185,7 @@ def time_in(where: str, text: str) -> float | datetime:
 
 
 def _time_on_axis(path: Path, tags: dict[str, str]) -> Time:
-    """Return the time of a band of a NetCDF variable: the place on its time axis (CF)."""
+    """Return the time of a band of a NetCDF variable, from its time axis (CF)."""
     for key, text in tags.items():
         found = SINCE.fullmatch(tags.get(f"{key.removeprefix('NETCDF_DIM_')}#units", "").strip())
         if key.startswith("NETCDF_DIM_") and found is not None:

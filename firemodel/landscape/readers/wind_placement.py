@@ -17,10 +17,10 @@ from firemodel.landscape.readers.wind_layers import WindLayer
 from firemodel.physics.rothermel import M_S_PER_MPH
 from firemodel.physics.weather import wind_20ft_from_10m
 
-M_S = {"m_s": 1.0, "mph": M_S_PER_MPH, "kmh": 1.0 / 3.6, "kts": 1852.0 / 3600.0}
+M_S_PER_UNIT = {"m_s": 1.0, "mph": M_S_PER_MPH, "kmh": 1.0 / 3.6, "kts": 1852.0 / 3600.0}
 MAX_SPEED_M_S = 100.0
 BEYOND_CELLS = 1.0  # a grid may end this many of its cells before the edge of the landscape
-MIN_KNOWN = 0.5  # smallest weight of cells with a value in an interpolated value
+MIN_WEIGHT = 0.5  # smallest weight of cells with a value in an interpolated value
 CONTROL_POINTS = 17  # along each side of the landscape, at which the grid's north is computed
 TRUE_CRS = "EPSG:4326"
 
@@ -85,15 +85,15 @@ def vectors_at(
     """
     if (one.shape, one.transform, one.crs) != (other.shape, other.transform, other.crs):
         raise FireModelError(
-            f"{other.label}: differs from {one.label} in shape, place or CRS; bring both onto one "
-            "grid"
+            f"{other.label}: differs from {one.label} in shape, place or CRS; resample both to "
+            "one grid"
         )
     wind = _components(one, other, scale)
     known = np.isfinite(wind)
     if known.all():
         return np.asarray(bilinear(wind, place.rows, place.cols) * place.north)
     weight = bilinear(known.astype(np.float64), place.rows, place.cols)
-    missing: Mask = weight < MIN_KNOWN
+    missing: Mask = weight < MIN_WEIGHT
     if missing.any():
         row, col = divmod(int(np.argmax(missing)), missing.shape[1])
         raise FireModelError(
@@ -145,7 +145,7 @@ def _values(layer: WindLayer) -> Floats:
 def _components(one: WindLayer, other: WindLayer, scale: tuple[str, str]) -> NDArray[np.complex128]:
     """Return the wind (y, x) of two bands in m/s at 20 ft: toward their north + i toward east."""
     unit, height = scale
-    m_s = M_S[unit] if height == "20ft" else float(wind_20ft_from_10m(M_S[unit]))
+    m_s = M_S_PER_UNIT[unit] if height == "20ft" else float(wind_20ft_from_10m(M_S_PER_UNIT[unit]))
     first, second = _values(one), _values(other)
     if one.kind == "u":
         _check(one, first, -MAX_SPEED_M_S / m_s, MAX_SPEED_M_S / m_s, unit)

@@ -193,7 +193,7 @@ def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/fire/preview",
         **route(
             "correct",
-            "The burned area before and after a correction, an erasure, undo or redo, which is not "
+            "The burned area before and after a correction, an erasure, undo or redo. Nothing is "
             "applied.",
             json(examples.FIRE_PREVIEW),
             json({"do": "correct", **Correct.example}),

@@ -15,7 +15,7 @@ const TITLES: Record<Format, string> = {
 const FORMATS = Object.keys(TITLES) as Format[];
 const MGRS_LIMIT_DEG: [number, number] = [-80, 84];
 
-/** The text of a place in a format. */
+/** The coordinates of a place as a text in a format. */
 export function coordinatesText(latDeg: number, lonDeg: number, format: Format): string {
   if (format === "minutes") return `${minutesText(latDeg, "N", "S")} ${minutesText(lonDeg, "E", "W")}`;
   if (format === "mgrs" && latDeg >= MGRS_LIMIT_DEG[0] && latDeg < MGRS_LIMIT_DEG[1]) {

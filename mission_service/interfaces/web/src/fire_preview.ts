@@ -1,4 +1,4 @@
-// Before a correction that changes much of the fire: the new outline on the map, and a question.
+// The question before a correction that changes much of the fire, and the new outline on the map.
 
 import { Refused } from "./api.ts";
 import { confirmed } from "./dialogs.ts";
@@ -29,7 +29,7 @@ export async function acceptsChange(store: Store, preview: () => Promise<Preview
   }
 }
 
-/** The preview; null where the service has none (in a burn). */
+/** The preview; null if the service has no previews (in a burn). */
 async function available(preview: () => Promise<Preview>): Promise<Preview | null> {
   try {
     return await preview();
