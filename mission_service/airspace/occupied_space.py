@@ -189,26 +189,42 @@ def corner_parts(points: Sequence[Position], turn_radius_m: float) -> list[Part]
     return parts
 
 
-def mission_parts(
-    places: Sequence[MissionPlace], start: Sequence[Position] = (), turn_radius_m: float = 0.0
-) -> list[Part]:
+def mission_parts(places: Sequence[MissionPlace], start: Sequence[Position] = ()) -> list[Part]:
     """Return the space of a mission that is entered along the positions ``start``.
+
+    It contains the straight legs and the loiters. ``turning_parts`` has the space beside them.
+    """
+    parts = path_parts([*start, *(place.position for place in places)])
+    return parts + [_loiter(place) for place in places if place.radius_m > 0.0]
+
+
+def turning_parts(
+    places: Sequence[MissionPlace], turn_radius_m: float, from_seq: int = 0
+) -> list[Part]:
+    """Return the space beside the legs of a plane's mission: at corners, and on the way to loiters.
 
     Args:
         places: The positions of the mission.
-        start: Positions before the first one.
-        turn_radius_m: Radius of turns at the corners (``corner_parts``).
+        turn_radius_m: Radius of the turns; 0 for a vehicle that turns on the spot.
+        from_seq: Index of the first item whose corner or loiter is not flown yet.
     """
-    points = [*start, *(place.position for place in places)]
-    parts = [*path_parts(points), *corner_parts(points, turn_radius_m)]
-    for number, (position, radius_m, _) in enumerate(places, start=len(start)):
-        if radius_m <= 0.0:
+    if turn_radius_m <= 0.0:
+        return []
+    parts = []
+    for number, place in enumerate(places):
+        if number == 0 or place.seq < from_seq:
             continue
-        loiter = disc(*position[:2], LOITER_RADIUS_FACTOR * radius_m, position[2], position[2])
-        if turn_radius_m > 0.0 and number > 0:
-            parts.append(approach_part(points[number - 1], loiter))
-        parts.append(loiter)
+        before = places[number - 1].position
+        if place.radius_m > 0.0:
+            parts.append(approach_part(before, _loiter(place)))
+        after = [each.position for each in places[number + 1 : number + 2]]
+        parts += corner_parts([before, place.position, *after], turn_radius_m)
     return parts
+
+
+def _loiter(place: MissionPlace) -> Part:
+    x_m, y_m, altitude_m = place.position
+    return disc(x_m, y_m, LOITER_RADIUS_FACTOR * place.radius_m, altitude_m, altitude_m)
 
 
 def approach_part(start: Position, loiter: Part) -> Part:

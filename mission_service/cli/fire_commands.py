@@ -258,7 +258,11 @@ def fire_wind(
         raise click.UsageError("give both --speed and --from, or none")
     if wind.speed_m_s is not None and wind.measured is not None:
         raise click.UsageError("give either --speed and --from, or --measured")
-    if wind.at_s is not None and not wind.slope_flow and (wind.speed_m_s or wind.measured):
+    if (
+        wind.at_s is not None
+        and not wind.slope_flow
+        and (wind.speed_m_s is not None or wind.measured is not None)
+    ):
         raise click.UsageError(
             "--at has no effect with a given wind; add --slope-flow, or leave out --at"
         )

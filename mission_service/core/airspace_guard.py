@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Literal
 
+import msgspec
 import shapely
 
 from autopilot_bridge.items import MissionItem
@@ -21,6 +22,7 @@ from mission_service.airspace.clearance import Airspace
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
     MissionPlace,
+    Part,
     mission_parts,
     straight,
 )
@@ -219,9 +221,26 @@ class AirspaceGuard:
         if conflict is not None and isinstance(command, Orbit):
             return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
         if conflict is not None and isinstance(command, HoldAt):
+            if target[2] > fix.altitude_m and math.dist(target[:2], (fix.x_m, fix.y_m)) < 1.0:
+                return [self._below_volumes(command, place, airspace, fix)]
             return self._freed_hold(vehicle, fix, command, airspace, conflict)
         self._states[vehicle.name].orbit = place
         return [command]  # a climb away from the flames is more urgent
+
+    def _below_volumes(
+        self, command: HoldAt, place: Part, airspace: Airspace, fix: PositionFix
+    ) -> HoldAt:
+        """Return a hold that is raised because of the ground: in a vertical margin, if need be."""
+        floors_m = [
+            volume.floor_m
+            for volume in airspace.volumes
+            if volume.floor_m > place.lowest_m - airspace.margins.vertical_m
+            and shapely.intersects(volume.area_m, place.shape)
+        ]
+        below_m = min([command.altitude_amsl_m, *(up - 1.0 for up in floors_m)])
+        altitude_m = round(max(below_m, fix.altitude_m), 1)
+        self._vehicles[command.vehicle].hold_at = None
+        return msgspec.structs.replace(command, altitude_amsl_m=altitude_m)
 
     def _freed_hold(
         self,

@@ -19,6 +19,7 @@ from mission_service.airspace.occupied_space import (
     mission_parts,
     mission_places,
     path_parts,
+    turning_parts,
     turns_towards,
 )
 from mission_service.airspace.operational_intent import IntendedPart, Purpose
@@ -54,7 +55,8 @@ class FlightSpace:
     def of_mission(self, vehicle: Vehicle, places: Sequence[MissionPlace]) -> list[Part]:
         """Return the space of a mission that would begin now."""
         radius_m = turn_radius_m(vehicle)
-        fix, parts = vehicle.availability.fix, mission_parts(places, (), radius_m)
+        parts = mission_parts(places) + turning_parts(places, radius_m)
+        fix = vehicle.availability.fix
         if fix is None or not vehicle.availability.airborne or not places:
             return parts
         here = (fix.x_m, fix.y_m)
@@ -74,10 +76,10 @@ class FlightSpace:
         if mode == MISSION:
             if not state.on_board:
                 return []
-            left = [place for place in state.on_board if place.seq >= vehicle.current_seq]
-            return mission_parts(
-                left or state.on_board[-1:], [position_of(fix)], turn_radius_m(vehicle)
-            )
+            seq = vehicle.current_seq
+            left = [place for place in state.on_board if place.seq >= seq]
+            straight_on = mission_parts(left or state.on_board[-1:], [position_of(fix)])
+            return straight_on + turning_parts(state.on_board, turn_radius_m(vehicle), seq)
         if mode in GOING_HOME:
             return self.of_return(vehicle, fix)
         if mode in ("guided", "orbit") and state.orbit is not None:
@@ -132,7 +134,8 @@ class FlightSpace:
             parts = self.of_flight(vehicle, fix, state) or [self.of_hold(vehicle, position_of(fix))]
             way_home = self.of_return(vehicle, fix)
         elif vehicle.flown_line is not None and vehicle.accepted and vehicle.accepted.takes_off:
-            parts, way_home = mission_parts(state.on_board, [home], turn_radius_m(vehicle)), []
+            parts, way_home = mission_parts(state.on_board, [home]), []
+            parts += turning_parts(state.on_board, turn_radius_m(vehicle))
         else:
             return []
         section = vehicle.section

@@ -7,7 +7,7 @@ from mission_service.missions.orbits import highest_ground_m
 from mission_service.vehicles.vehicle_state import Vehicle
 
 # Above the highest ground within the reach of a hold:
-MIN_HOLD_AGL_M = 20.0  # a hold that is lower is raised
+MIN_HOLD_AGL_M = 30.0  # a hold that is lower is raised
 RAISED_HOLD_AGL_M = 40.0  # to this height
 
 

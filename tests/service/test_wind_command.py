@@ -69,6 +69,21 @@ def test_the_grids_can_be_read_as_wind_grids(path: Path) -> None:
     assert np.abs(turned).max() < 0.1
 
 
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (("--speed", "6"), "give both --speed and --from"),
+        (("--speed", "0", "--from", "0", "--at", "3"), "--at has no effect"),
+    ],
+)
+def test_contradicting_options_are_refused(
+    path: Path, options: tuple[str, ...], problem: str
+) -> None:
+    result = call("fire", "wind", str(path), "-o", str(path.parent / "wind"), *options)
+    assert result.exit_code == 2
+    assert problem in result.output
+
+
 def test_directions_are_from_true_north_except_in_the_ascii_grids(tmp_path: Path) -> None:
     land = replace(LAND, west_m=LAND.west_m - 2e5)
     assert abs(land.grid_convergence_deg) > 1.0
