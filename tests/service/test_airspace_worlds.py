@@ -152,9 +152,9 @@ def test_a_random_world_has_no_violation(seed: int) -> None:
     and 40403 a plane turns at a corner beside a volume, in 40583 at a first position behind it, and
     in 40772 and 50255 a person orders a hold beside a volume. In 41067 a volume closes over the end
     of a way out before its start, in 50786 a climb out of a volume would lead into another one, and
-    in 50989 a plane flies beside the line to its loiter. In 60454 a return beside a volume cannot be
-    flown, in 60833 a level way out ends near the ground, in 61123 a mission begins in a margin, and
-    in 73452 a volume is closed above a hold over rising ground.
+    in 50989 a plane flies beside the line to its loiter. In 60454 a return beside a volume cannot
+    be flown, in 60833 a level way out ends near the ground, in 61123 a mission begins in a margin,
+    and in 73452 a volume is closed above a hold over rising ground.
     """
     assert fly(seed)[1] == []
 
