@@ -1,14 +1,18 @@
 """Combine grids of wind at several times with a weather stream."""
 
+import math
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
+from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.physics.wind_field import MeanWind, WindGrids, mean_wind
+
+MAX_WINDS = 10_000  # between two grids; their winds are all in memory
 
 
 class WindStack(NamedTuple):
@@ -27,6 +31,9 @@ def with_wind_stack(
     ``interval_s`` after the first of them; each wind is used until the next. The last grid is used
     until the end. The wind of an entry is the mean over the landscape (``mean_wind``). Moistures
     and source are those of ``weather``.
+
+    Raises:
+        FireModelError: More than ``MAX_WINDS`` winds would be interpolated between two grids.
     """
     times = sorted({*_times(stack, interval_s), *(entry.at_s for entry in weather.entries)})
     winds: dict[float, MeanWind] = {}
@@ -56,10 +63,13 @@ def with_wind_stack(
 def _times(stack: WindStack, interval_s: float) -> Iterator[float]:
     """Yield the times of grids, and the times at which winds are interpolated."""
     for before_s, after_s in pairwise(stack.at_s):
-        count = 0
-        while before_s + count * interval_s < after_s:
-            yield before_s + count * interval_s
-            count += 1
+        winds = (after_s - before_s) / interval_s
+        if winds > MAX_WINDS:
+            raise FireModelError(
+                f"wind grids at {before_s:g} s and {after_s:g} s: at most {MAX_WINDS:,} winds are "
+                f"interpolated between two grids; correct the times, or give a longer interval_s"
+            )
+        yield from (before_s + count * interval_s for count in range(math.ceil(winds)))
     yield stack.at_s[-1]
 
 

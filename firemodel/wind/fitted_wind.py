@@ -14,6 +14,7 @@ from firemodel.wind.terrain_wind import TerrainWind
 LENGTH_M = 5000.0
 DEVIATION_M_S = 1.0
 ROWS_AT_ONCE = 64
+MAX_SPEED_M_S = 100.0
 
 
 class MeasuredWind(NamedTuple):
@@ -142,8 +143,11 @@ def _check(number: int, each: MeasuredWind, terrain: TerrainWind) -> None:
     rows, cols = terrain.shape
     if not (-0.5 <= each.row <= rows - 0.5 and -0.5 <= each.col <= cols - 0.5):
         raise fail(f"row {each.row:.1f}, column {each.col:.1f} is outside the landscape")
-    if each.speed_m_s < 0.0 or each.sd_m_s <= 0.0:
-        raise fail(f"speed {each.speed_m_s} m/s, sd {each.sd_m_s} m/s must not be negative or zero")
+    if not (0.0 <= each.speed_m_s <= MAX_SPEED_M_S and 0.01 <= each.sd_m_s <= MAX_SPEED_M_S):
+        raise fail(
+            f"speed {each.speed_m_s:g} m/s, sd {each.sd_m_s:g} m/s; give a speed from 0 to 100 m/s "
+            f"and a standard deviation from 0.01 to 100 m/s"
+        )
     lowest_m = terrain.lowest_m(each.row, each.col)
     if each.above_ground_m <= lowest_m:
         raise fail(

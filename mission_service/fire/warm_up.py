@@ -2,7 +2,12 @@
 
 import numpy as np
 
-from mission_service.config.fire_sections import Ignition, LandscapeSection, WeatherEntry
+from mission_service.config.fire_sections import (
+    Ignition,
+    LandscapeSection,
+    SuppressionLine,
+    WeatherEntry,
+)
 from mission_service.config.scenario import Scenario
 from mission_service.events import Observed, WindSet
 from mission_service.fire.run_estimate import PERIOD_US, RunEstimate
@@ -58,10 +63,18 @@ def _small(scenario: Scenario) -> Scenario:
         "wind_grids": None,
         "terrain_wind": None,
         "weather": (_wind(0.0, 0.0), _wind(GROWS_S / 2.0, 60.0)),
+        "suppression": (_line(),) if scenario.suppression else (),
         "burn": None,
         "start_s": 0.0,
     }
     return scenario.model_copy(update=changes)
+
+
+def _line() -> SuppressionLine:
+    """Return a control line beside the ignition, of which pieces close while the fire burns."""
+    lon_deg = LON_DEG + 2e-3
+    points = ((LAT_DEG - 1e-3, lon_deg), (LAT_DEG + 1e-3, lon_deg))
+    return SuppressionLine(points=points, rate_m_h=1000.0)
 
 
 def _wind(at_s: float, from_deg: float) -> WeatherEntry:

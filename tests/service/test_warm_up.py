@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from mission_service.config.scenario import load_scenario
+from mission_service.fire import warm_up as fire_warm_up
 from mission_service.live import daemon
 from tests.patience import PATIENCE_S
 
@@ -162,3 +163,12 @@ def test_a_start_that_takes_long_is_announced(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(daemon, "warm_up_fire", lambda scenario: None)
     daemon._warm_up(scenario, None, notice)  # type: ignore[arg-type]
     assert lines == [daemon.LOADS]
+
+
+def test_the_small_fire_has_a_control_line_of_its_own() -> None:
+    """The lines of the scenario are elsewhere, so that the run would not start."""
+    lines = ("suppression=[{points = [[36.36, -84.15], [36.37, -84.15]]}]",)
+    scenario = load_scenario("default", lines)
+    assert scenario.suppression
+    fire_warm_up.warm_up(scenario)
+    assert not fire_warm_up._small(load_scenario("default")).suppression
