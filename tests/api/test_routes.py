@@ -434,9 +434,16 @@ def test_a_preview_gives_the_areas_of_the_correction_and_changes_nothing(tmp_pat
         for body, why in (
             ({"do": "redo"}, "nothing to redo"),
             ({"do": "wind", "speed_m_s": 1.0, "from_deg": 0.0}, "do is one of"),
+            ({}, "do is one of correct, erase, undo, redo"),
+            ({"do": "takeoff"}, "do is one of correct, erase, undo, redo"),
             ({**drawn, "do": "correct", "points": []}, "points"),
         ):
             assert why in await refused(http, 422, "POST", "/fire/preview", **body)
+        twice = await http.post(f"{V1}/fire/perimeter?preview=true&preview=false", json=feature)
+        assert (twice.status_code, twice.json()["error"]) == (
+            422,
+            "query parameter 'preview' is given more than once; give it once",
+        )
         assert len(world.submitted) == 1
 
     asked(world, ask)

@@ -134,7 +134,7 @@ def test_impossible_measurements_are_refused(
     terrain: TerrainWind, change: dict[str, float], message: str
 ) -> None:
     good = MeasuredWind(5.0, 5.0, 8.0, 5.0, 200.0)
-    with pytest.raises(FireModelError, match=f"measured wind 1: .*{message}"):
+    with pytest.raises(FireModelError, match=rf"measured wind 1: .*{message}"):
         fit_wind(terrain, [good, good._replace(**change)])
     with pytest.raises(FireModelError, match="no measurements"):
         fit_wind(terrain, [])

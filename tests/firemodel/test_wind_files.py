@@ -319,7 +319,7 @@ def test_winds_are_interpolated_in_time() -> None:
 
 def test_grids_a_year_apart_are_refused() -> None:
     apart = stack_of(10.0, 10.0j)._replace(at_s=(-365.0 * 86_400.0, 0.0))
-    with pytest.raises(FireModelError, match="at most 10,000 winds .*correct the times"):
+    with pytest.raises(FireModelError, match=r"at most 10,000 winds .*correct the times"):
         with_wind_stack(WeatherStream([weather()]), apart, LAND, 900.0)
     with pytest.raises(FireModelError, match="at most 10,000 winds"):
         with_wind_stack(WeatherStream([weather()]), apart._replace(at_s=(0.0, 1e300)), LAND, 900.0)

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Query, Request, Response
 
 from firemodel.errors import FireModelError
-from mission_service.events import Corrected, Erased, Redone, Undone
 from mission_service.interfaces import examples
 from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.openapi import V1, file, json, route
@@ -27,7 +26,7 @@ from mission_service.interfaces.maps.upload_worker import Done, Job
 from mission_service.requests import Correct
 
 GEOJSON = "application/geo+json"
-PREVIEWED = (Corrected, Erased, Undone, Redone)
+PREVIEWED = ("correct", "erase", "undo", "redo")
 LONGEST_S = 1e7
 FAR_S = 3600.0
 Seconds = Annotated[float | None, Query(ge=-LONGEST_S, le=LONGEST_S, allow_inf_nan=False)]
@@ -254,9 +253,9 @@ async def _previewed(
     api: ApiContext, request: Request, corrections: Sequence[dict[str, Any]]
 ) -> Response:
     """Return the burned area before and after corrections. Raises ApiError."""
+    if not all(each.get("do") in PREVIEWED for each in corrections):
+        raise ApiError(422, f"preview: do is one of {', '.join(PREVIEWED)}")
     reports = [api.event_of(request.state.user, each) for each in corrections]
-    if not all(isinstance(report, PREVIEWED) for report in reports):
-        raise ApiError(422, "preview: do is one of correct, erase, undo, redo")
     land, at_s = api.context.landscape, api.context.clock.now_us / 1e6
     try:
         compute = api.context.estimate.preview(reports)

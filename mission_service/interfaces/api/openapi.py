@@ -4,7 +4,7 @@ Schemas are generated from the msgspec Structs.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_origin
 
 import msgspec
 from fastapi import Depends, Request
@@ -66,17 +66,24 @@ class RequiredRole:
 async def refuse_unknown_query(request: Request) -> None:
     """Raise ApiError 422 for a parameter in the query string that the route does not have.
 
+    The same for a parameter with several values, such as ``preview=true&preview=false``, of which
+    the route uses one.
+
     The guard has already carried out an abort, so an abort is accepted with any parameter.
     """
     if hasattr(request.state, "aborted"):
         return
     route: APIRoute = request.scope["route"]
     parts = (route.dependant, *route.dependant.dependencies)
-    names = [each.alias for part in parts for each in part.query_params]
+    fields = {each.alias: each for part in parts for each in part.query_params}
+    names = list(fields)
     for name in request.query_params:
         if name not in names:
             known = f"the route has {', '.join(names)}" if names else "the route has none"
             raise ApiError(422, f"unknown query parameter {name[:40]!r}; {known}")
+        many = get_origin(fields[name].field_info.annotation) in (list, tuple)
+        if not many and len(request.query_params.getlist(name)) > 1:
+            raise ApiError(422, f"query parameter {name!r} is given more than once; give it once")
 
 
 def route(
