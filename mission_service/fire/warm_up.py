@@ -1,7 +1,10 @@
 """Compiles the kernels of the fire before flight; the first compilation takes many seconds."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import (
     Ignition,
     LandscapeSection,
@@ -28,7 +31,9 @@ def warm_up(scenario: Scenario) -> None:
     the kernel or loads it from the disk cache.
     """
     small = _small(scenario)
-    estimate = RunEstimate(small, landscape_of(small))
+    level = landscape_of(small)
+    crowns = scenario.fire.crown != "none"
+    estimate = RunEstimate(small, _with_trees(level) if crowns else level)
     at_us = round(GROWS_S * 1e6)
     estimate.advance(at_us)
     name = small.vehicles[0].name
@@ -68,6 +73,19 @@ def _small(scenario: Scenario) -> Scenario:
         "start_s": 0.0,
     }
     return scenario.model_copy(update=changes)
+
+
+def _with_trees(level: Landscape) -> Landscape:
+    """Return a landscape with the layers that crown fire needs."""
+    layers = (np.full(level.shape, value, np.float32) for value in (0.6, 15.0, 2.0, 0.15))
+    cover, height, base, density = layers
+    return replace(
+        level,
+        canopy_cover=cover,
+        canopy_height_m=height,
+        canopy_base_m=base,
+        canopy_bulk_density_kg_m3=density,
+    )
 
 
 def _line() -> SuppressionLine:

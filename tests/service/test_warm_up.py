@@ -172,3 +172,8 @@ def test_the_small_fire_has_a_control_line_of_its_own() -> None:
     assert scenario.suppression
     fire_warm_up.warm_up(scenario)
     assert not fire_warm_up._small(load_scenario("default")).suppression
+
+
+def test_the_small_fire_has_trees_if_the_scenario_has_crown_fire() -> None:
+    """A level landscape has no layers of trees, so that the run would not start."""
+    fire_warm_up.warm_up(load_scenario("default", ("fire.crown=rothermel",)))
