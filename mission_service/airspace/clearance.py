@@ -11,7 +11,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.occupied_space import Part, Position
 from mission_service.airspace.volumes import Volume
 
-ROUNDING_M = 0.5  # tolerance of the altitude limit, because altitudes in missions are rounded
+ROUNDING_M = 0.5  # tolerance of altitudes, because altitudes in missions are rounded
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,8 @@ class Airspace:
 
         If a flight begins at ``start`` within the margin of a volume, the horizontal margin of the
         parts within that margin of ``start`` is the distance of ``start`` from the volume, so that
-        the flight can leave the margin.
+        the flight can leave the margin. This does not apply to parts that lead from above or below
+        the volume towards its altitudes.
         """
         parts = list(parts)
         for volume in self.volumes:
@@ -81,10 +82,17 @@ class Airspace:
             if part.highest_m <= floor_m or part.lowest_m >= ceiling_m:
                 continue
             begins_here = here is not None and shapely.dwithin(part.shape, here, margin_m)
-            part_margin_m = margin_here_m if begins_here else margin_m
+            leaves = begins_here and start is not None and not _leads_into(part, start[2], volume)
+            part_margin_m = margin_here_m if leaves else margin_m
             if shapely.dwithin(volume.area_m, part.shape, part_margin_m):
                 return True
         return False
+
+
+def _leads_into(part: Part, altitude_m: float, volume: Volume) -> bool:
+    """Return whether a part leads from an altitude beyond a volume towards the volume."""
+    climbs = altitude_m < volume.floor_m and part.highest_m > altitude_m + ROUNDING_M
+    return climbs or (altitude_m > volume.ceiling_m and part.lowest_m < altitude_m - ROUNDING_M)
 
 
 def blocked_area(volumes: Iterable[Volume], margin_m: float) -> BaseGeometry:
