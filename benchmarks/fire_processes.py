@@ -20,8 +20,8 @@ landscape needs once. The dead fuel model ``nelson`` is not among the processes,
 weather of these fires has records of temperature and humidity before the fire.
 
 ``--members N`` compares the median arrival of an ensemble of N with the default errors instead.
-``--only LABEL`` (repeatable) selects rows. ``--pictures DIR`` draws the outlines at the
-comparison at which the reference has grown most.
+``--only "PROCESS + PROCESS"`` (repeatable) computes these combinations instead. ``--pictures DIR``
+draws the outlines at the comparison at which the reference has grown most.
 """
 
 import argparse
@@ -228,11 +228,11 @@ def draw(path: Path, title: str, land: Landscape, shapes: Mapping[str, BaseGeome
             km = (shapely.get_coordinates(line) - corner) / 1e3
             label = None if number else name
             axes.plot(*km.T, color=colour, linestyle=style, linewidth=2.0, label=label)
-    axes.legend(loc="upper right", fontsize=11)
+    axes.legend(loc="lower right", fontsize=11)
     set_title(axes, title, "outlines of the burned area")
     with BytesIO() as file:
         save_map(figure, file)
-        Image.open(file).convert("RGB").quantize(48).save(path, optimize=True)
+        Image.open(file).convert("RGB").quantize(256).save(path, optimize=True)
 
 
 def run_case(name: str, folder: Path, given: argparse.Namespace, grids: Path) -> None:
@@ -246,11 +246,11 @@ def run_case(name: str, folder: Path, given: argparse.Namespace, grids: Path) ->
     heads = "".join(f"{label:>12}" for label in case.picks)
     click.echo(f"\n{name:64}{'ha':>9}{heads}{'time, s':>9}{'ratio':>7}{'speed':>7}{'wind, s':>9}")
     surface: Timed | None = None
-    everything = combinations(case.processes)
-    for chosen in everything:
+    only = [() if text == SURFACE else tuple(text.split(" + ")) for text in given.only]
+    if unknown := {each for chosen in only for each in chosen} - set(case.processes):
+        sys.exit(f"--only: {name} has no {', '.join(sorted(unknown))}")
+    for chosen in only or combinations(case.processes):
         label = " + ".join(chosen) or SURFACE
-        if given.only and label not in given.only:
-            continue
         timed = Timed([text for each in chosen for text in changes[each]], given.members)
         rows = compared(name, folder, chosen, timed)
         if surface is None:
@@ -274,15 +274,16 @@ def outlines(case: Case, rows: Mapping[str, Sequence[Row]]) -> tuple[str, dict[s
     """
     plain = rows[SURFACE]
     growth = [row.reference.area - row.start.area for row in plain if row.reference is not None]
-    at = max(range(len(plain)), key=lambda number: (growth[number], number))
+    at = growth.index(max(growth))
     reference = plain[at].reference
     assert reference is not None
     found = {"reference": reference, SURFACE: plain[at].found}
-    full = max(rows, key=lambda label: label.count("+"))
+    full = max(rows, key=lambda label: (label.count("+"), label != SURFACE))
     crowns = [each for each in CROWNS if each in case.processes]
     for crown in crowns or [""]:
         label = full.replace(crowns[0], crown) if crowns else full
-        found[label] = rows[label][at].found
+        if label in rows:
+            found[f"all processes, {crown}" if crown else "all processes"] = rows[label][at].found
     return plain[at].name, found
 
 
@@ -301,8 +302,8 @@ def main() -> None:
     parser.add_argument("--only", action="append", default=[], metavar="LABEL")
     parser.add_argument("--pictures", type=Path, metavar="DIR")
     given = parser.parse_args()
-    if given.pictures and (given.only or given.members):
-        sys.exit("--pictures needs all rows; leave out --only and --members")
+    if given.pictures and given.only and SURFACE not in given.only:
+        sys.exit(f"--pictures: add --only '{SURFACE}'")
     for text in given.fires:
         name, _, folder = text.partition("=")
         if name not in CASES or not folder:
