@@ -220,19 +220,21 @@ def draw(path: Path, title: str, land: Landscape, shapes: Mapping[str, BaseGeome
     points = np.concatenate([shapely.get_coordinates(each) for each in shapes.values()])
     nothing = np.full(land.shape, np.inf)
     figure, axes = start_map(land, nothing, frame_around(land, nothing, points))
-    figure.set_dpi(72)
+    figure.set_dpi(62)
     corner = np.array([land.west_m, land.north_m - land.shape[0] * land.cell_size_m])
     styles = (("black", "-"), ("#1f5fd0", "-"), ("#c4162a", "-"), ("#8a2be2", "--"))
     for (name, area), (colour, style) in zip(shapes.items(), styles, strict=False):
-        for number, line in enumerate(shapely.get_parts(shapely.boundary(area))):
+        for number, line in enumerate(shapely.get_exterior_ring(shapely.get_parts(area))):
             km = (shapely.get_coordinates(line) - corner) / 1e3
             label = None if number else name
             axes.plot(*km.T, color=colour, linestyle=style, linewidth=2.0, label=label)
     axes.legend(loc="lower right", fontsize=11)
-    set_title(axes, title, "outlines of the burned area")
+    set_title(axes, title, "outer outlines of the burned area")
     with BytesIO() as file:
         save_map(figure, file)
-        Image.open(file).convert("RGB").quantize(256).save(path, optimize=True)
+        Image.open(file).convert("RGB").quantize(192, Image.Quantize.FASTOCTREE).save(
+            path, optimize=True
+        )
 
 
 def run_case(name: str, folder: Path, given: argparse.Namespace, grids: Path) -> None:
