@@ -29,6 +29,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -55,6 +56,10 @@ live_woody_pct = 90
 """
 
 
+# Returns the fronts of a scenario, every so many seconds, in a CRS, each with its time in s.
+Run = Callable[[str, float, str], list[tuple[float, Any]]]
+
+
 class Row(NamedTuple):
     """One comparison; ``reference`` is None if there is nothing to compare with."""
 
@@ -76,9 +81,9 @@ def kappa(found: BaseGeometry, reference: BaseGeometry, landscape: BaseGeometry)
 
 
 def run_fire(
-    scenario: str, every_s: float, crs: str, changes: Sequence[str]
+    changes: Sequence[str], scenario: str, every_s: float, crs: str
 ) -> list[tuple[float, Any]]:
-    """Return each front of a scenario in a CRS, with its time in s.
+    """Return each front of a scenario in a CRS, with its time in s, by a process ``fire run``.
 
     ``changes`` are keys and values as in ``fire run --set``.
     """
@@ -111,13 +116,16 @@ def place(x_m: float, y_m: float, crs: str) -> str:
     return f"lat_deg = {lat}\nlon_deg = {lon}"
 
 
-def san_diego(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
-    """Yield the comparisons with FARSITE's perimeters, for both readings of the slope."""
+SLOPES = (("degrees", "unburnable"), ("percent", "refuse"))  # readings of the slope, and `missing`
+
+
+def san_diego(folder: Path, run: Run, slopes: Sequence[tuple[str, str]] = SLOPES) -> Iterator[Row]:
+    """Yield the comparisons with FARSITE's perimeters, for each reading of the slope."""
     case = folder / "tmp" / "0912a968d53d4a8a81ec57e3e2d79308"
     theirs = [repaired(line) for line in features_of(Path(f"{case}_out_Perimeters.shp"))[0]]
     (lit,) = features_of(Path(f"{case}_ignite.shp"))[0]
-    for unit, missing in (("degrees", "unburnable"), ("percent", "refuse")):
-        fronts = run_fire(
+    for unit, missing in slopes:
+        fronts = run(
             f"""name = "San Diego"
 duration_s = 5400
 [landscape]
@@ -133,7 +141,6 @@ perimeter = "{case}_ignite.shp"
 """,
             LINE_LAG_S,
             ALBERS,
-            changes,
         )
         at = dict(fronts)
         for name, lag_s in ((f"slope in {unit}", 0.0), ("  with acceleration", LINE_LAG_S)):
@@ -142,15 +149,20 @@ perimeter = "{case}_ignite.shp"
                 yield Row(f"{name}, {30 * number} min", front, lit, their)
 
 
-def belgium(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
-    """Yield the comparison with the mapped area of each fire; persistence is the ignited cell."""
+def belgium(folder: Path, run: Run) -> Iterator[Row]:
+    """Yield the comparisons of each fire."""
     for case in sorted(each for each in folder.glob("Case*") if each.is_dir()):
-        header = (case / "fuels.asc").read_text(encoding="utf-8").split(maxsplit=10)
-        cols, rows, west_m, south_m, cell_m = (float(text) for text in header[1:10:2])
-        x_m, y_m = west_m + cols / 2 * cell_m, south_m + rows / 2 * cell_m
-        hours = len((case / "Weather.csv").read_text(encoding="utf-8").split("\n")[1:]) - 1
-        fronts = run_fire(
-            f"""name = "{case.name}"
+        yield from belgian(case, run)
+
+
+def belgian(case: Path, run: Run) -> Iterator[Row]:
+    """Yield the comparison with the mapped area for each hour; persistence is the ignited cell."""
+    header = (case / "fuels.asc").read_text(encoding="utf-8").split(maxsplit=10)
+    cols, rows, west_m, south_m, cell_m = (float(text) for text in header[1:10:2])
+    x_m, y_m = west_m + cols / 2 * cell_m, south_m + rows / 2 * cell_m
+    hours = len((case / "Weather.csv").read_text(encoding="utf-8").split("\n")[1:]) - 1
+    fronts = run(
+        f"""name = "{case.name}"
 duration_s = {hours * 3600}
 [landscape]
 source = "files"
@@ -163,19 +175,18 @@ path = "{case / "Weather.csv"}"
 [[ignition]]
 {place(x_m, y_m, BELGIUM)}
 """,
-            3600.0,
-            BELGIUM,
-            changes,
-        )
-        scar = shapely.union_all(
-            [repaired(each) for each in features_of(case / "ground_truth/observed_scar.shp")[0]]
-        )
-        cell = shapely.Point(x_m, y_m).buffer(cell_m / 2, cap_style="square")
-        for at_s, front in fronts:
-            yield Row(f"{case.name}, {at_s / 3600:.0f} h", front, cell, scar)
+        3600.0,
+        BELGIUM,
+    )
+    scar = shapely.union_all(
+        [repaired(each) for each in features_of(case / "ground_truth/observed_scar.shp")[0]]
+    )
+    cell = shapely.Point(x_m, y_m).buffer(cell_m / 2, cap_style="square")
+    for at_s, front in fronts:
+        yield Row(f"{case.name}, {at_s / 3600:.0f} h", front, cell, scar)
 
 
-def tubbs(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
+def tubbs(folder: Path, run: Run) -> Iterator[Row]:
     """Yield the simulated area of the Tubbs fire after each hour."""
     import rasterio
 
@@ -212,7 +223,7 @@ live_woody_pct = 60
             ("canopy_bulk_density", "cbd"),
         )
     )
-    fronts = run_fire(
+    fronts = run(
         f"""name = "Tubbs"
 duration_s = 43200
 [landscape]
@@ -232,7 +243,6 @@ at_s = 1800
 """,
         7200.0,
         crs,
-        changes,
     )
     start = shapely.Point(6938.0, 343607.0).buffer(1.0)
     for at_s, front in fronts:
@@ -258,7 +268,7 @@ def viirs_areas(path: Path, crs: str) -> list[BaseGeometry]:
     ]
 
 
-def maria(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
+def maria(folder: Path, run: Run) -> Iterator[Row]:
     """Yield the comparison of each interval between two mapped perimeters."""
     path = folder / "firis_perimeters.shp"
     areas, crs = features_of(path)
@@ -272,14 +282,19 @@ def maria(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
         if kind == "perim"
     }
     order = [(at, times[at]) for at in sorted(times)]
-    layers = {"canopy_cover": "cover", "canopy_height": "height", "canopy_base": "base"}
+    layers = {
+        "canopy_cover": "cover",
+        "canopy_height": "height",
+        "canopy_base": "base",
+        "canopy_bulk_density": "density",
+    }
     files = "\n".join(
         f'{layer} = "{folder}/Maria2019-{layers.get(layer, layer)}.tif"'
         for layer in ("fuel", "elevation", "slope", "aspect", *layers)
     )
     for (at, number), (then, later) in pairwise(order):
         wet = {name: record[name][number] for name in ("1hr", "10hr", "100hr", "herb", "woody")}
-        fronts = run_fire(
+        fronts = run(
             f"""name = "Maria"
 duration_s = {(then - at).total_seconds()}
 [landscape]
@@ -290,6 +305,7 @@ slope = "degrees"
 canopy_cover = "percent"
 canopy_height = "m*10"
 canopy_base = "m*10"
+canopy_bulk_density = "kg/m3*100"
 [[weather]]
 at_s = 0
 wind_speed_m_s = {record["windspeed"][number] * 0.44704}
@@ -306,7 +322,6 @@ repair_perimeter = true
 """,
             86400.0,
             ALBERS,
-            changes,
         )
         now, reference = (
             into_crs(repaired(areas[each]), str(crs), ALBERS) for each in (number, later)
@@ -319,7 +334,7 @@ repair_perimeter = true
         )
 
 
-FIRES: dict[str, Callable[[Path, Sequence[str]], Iterator[Row]]] = {
+FIRES: dict[str, Callable[[Path, Run], Iterator[Row]]] = {
     "sandiego": san_diego,
     "belgium": belgium,
     "tubbs": tubbs,
@@ -336,7 +351,8 @@ def main() -> None:
     given = parser.parse_args()
     click.echo(f"{'':30} {'ha':>9} {'IoU':>6} {'persist':>8} {'area':>6} {'kappa':>6}")
     scores = []
-    for row in FIRES[given.fire](check_folder(given.folder).resolve(), given.set):
+    run = partial(run_fire, given.set)
+    for row in FIRES[given.fire](check_folder(given.folder).resolve(), run):
         line = f"{row.name:30} {row.found.area / 1e4:9.1f}"
         if row.reference is not None:
             both = overlap(row.found, row.reference), overlap(row.start, row.reference)
