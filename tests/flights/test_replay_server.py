@@ -98,6 +98,7 @@ def test_the_live_stream_reports_jumps_first(replay: Replay) -> None:
         ("POST", "/vehicles/all/start", {}),
         ("POST", "/vehicles/hawk/mission/renew", {}),
         ("POST", "/fire/undo", {}),
+        ("POST", "/fire/preview", {"do": "undo"}),
         ("POST", "/wind", {"speed_m_s": 3.0, "from_deg": 10.0}),
         ("PATCH", "/planner", {"alpha": 2.0}),
         ("POST", "/burn/approve", {"hash": "0" * 64}),

@@ -103,11 +103,12 @@ class ApiContext:
         """Return the event that a request of ``user`` would make. Raises ApiError."""
         handler, at_us = self.context.request_handler, self.context.clock.now_us
         request = {**request, **self._requesting_operator(user, request)}
+        if request.get("do") not in handler.scope.accepted:  # refused without an event
+            raise ApiError(409, str(handler.ask(request)["error"]))
         try:
             return event_of(request, at_us, handler.scope)
         except MissionServiceError as error:
-            is_accepted = request.get("do") in handler.scope.accepted
-            raise ApiError(422 if is_accepted else 409, str(error)) from None
+            raise ApiError(422, str(error)) from None
 
     def _requesting_operator(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
         """Return the name and the station that a request contains.
