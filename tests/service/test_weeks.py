@@ -141,6 +141,7 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(notices, "MAX_ANNOUNCEMENTS", 10)
+    monkeypatch.setattr(notices, "MAX_RECORDS", 10)
     monkeypatch.setattr(run_statistics, "MAX_REVERSALS", 1)
     monkeypatch.setattr(run_statistics, "MAX_REASONS", 3)
     monkeypatch.setattr(track, "MAX_POINTS", 64)

@@ -73,6 +73,21 @@ def corrections(service: Service) -> list[Any]:
     return found
 
 
+def await_corrections(page: Page, service: Service, count: int, yes: str = "click") -> None:
+    """Wait for a number of corrections; answer the question, if the page asks one, with yes."""
+    question = page.locator("#question")
+
+    def applied() -> bool:
+        if question.is_visible() and yes == "click":
+            page.get_by_role("button", name="Yes, do it").click()
+        elif question.is_visible():  # the answer no has the focus
+            page.keyboard.press("Tab")
+            page.keyboard.press("Enter")
+        return len(corrections(service)) == count
+
+    wait_for(applied, 30, "the correction is applied")
+
+
 def telemetry_of(service: Service, name: str = "hawk") -> Any:
     return next(each for each in service.get("state")["telemetry"] if each["vehicle"] == name)
 
@@ -297,15 +312,7 @@ def test_a_perimeter_file_is_taken(desktop: tuple[Page, Seen], fire: Service) ->
     page.set_input_files(
         "#perimeter", {"name": "p.geojson", "mimeType": "application/geo+json", "buffer": data}
     )
-
-    def applied() -> bool:
-        """The page asks if the fire is still so small that this perimeter changes 5 % of it."""
-        yes = page.get_by_role("button", name="Yes, do it")
-        if yes.is_visible():
-            yes.click()
-        return len(corrections(fire)) == held + 1
-
-    wait_for(applied, 30, "the perimeter is a correction")
+    await_corrections(page, fire, held + 1)
 
 
 def test_missions_are_previewed_and_saved(desktop: tuple[Page, Seen]) -> None:
@@ -400,7 +407,7 @@ def test_by_keyboard_alone(desktop: tuple[Page, Seen], fire: Service) -> None:
         page.wait_for_timeout(50)
         wait_for(lambda: not page.evaluate("missionMap.isMoving()"), 30, "the map has moved")
     page.keyboard.press("Enter")
-    wait_for(lambda: len(corrections(fire)) == held + 1, 30, "an area is drawn")
+    await_corrections(page, fire, held + 1, "by keyboard")
     drawn = corrections(fire)[-1]
     assert (drawn["state"], drawn["shape"], len(drawn["points"])) == ("unburned", "polygon", 3)
     page.keyboard.press("Control+z")
@@ -460,7 +467,7 @@ def test_a_tablet_is_drawn_on_with_a_finger_and_moved_with_two(
         for step in range(1, 8):
             touch("touchMove", (400 + 12 * step, 300 + 5 * step))
         touch("touchEnd")
-        wait_for(lambda: len(corrections(fire)) == held + 1, 30, "one finger draws")
+        await_corrections(page, fire, held + 1)
         assert corrections(fire)[-1]["shape"] == "line"
         page.tap("#tools .undo")
         wait_for(lambda: len(corrections(fire)) == held, 30, "and takes it back")
