@@ -271,10 +271,22 @@ class CommandChecks:
         for volume in self.rules.closed:
             if not volume.counts(self._at_s) or command["type"] == "GoAround":
                 continue
+            if command["type"] == "HoldAt" and self._is_below(volume, start, position):
+                continue
             margin_m = self._margin_m(volume, start)
             if margin_m > 0.0 and self._is_near(volume, position, position, margin_m + radius_m):
                 found.append(f"leads to a place in {volume.name}")
         return found
+
+    def _is_below(self, volume: Closed, start: Position | None, place: Position) -> bool:
+        """Return whether a hold is raised above rising ground, and stays below a volume.
+
+        The ground has precedence over the vertical margin.
+        """
+        if start is None or math.dist(start[:2], place[:2]) > ROUNDING_M or place[2] < start[2]:
+            return False
+        floor_m, _ = volume.limits_m(self.rules.terrain, place[:2])
+        return place[2] < floor_m
 
 
 def _along(one: Position, other: Position, share: float) -> Position:

@@ -1,7 +1,8 @@
 """Plans the flights that keep vehicles out of closed airspace: around it, out of it, or a hold."""
 
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -17,6 +18,7 @@ from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
     MissionPlace,
+    Part,
     Position,
     mission_parts,
 )
@@ -65,12 +67,15 @@ class Evasions:
         around = self._around(fix, airspace)
         beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
-        for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
+        exits = exits_from((fix.x_m, fix.y_m), blocked, beyond_m)
+        # First those to which a plane turns without entering another volume on either side.
+        for turns, place in itertools.product((True, False), exits):
             path = np.array([(fix.x_m, fix.y_m), place])
             items, planned = self._straight_off(vehicle, path, fix)
             for way in self._altitudes_of(items, path, fix, beyond_m):
                 places = planned if way is items else self._space.route(vehicle, way)
-                if not self._enters_another(places, fix, airspace):
+                turn = self._space.of_mission(vehicle, places) if turns else []
+                if not self._enters_another(places, fix, airspace, turn):
                     state.evasion, why = Evasion.EXIT, "leave closed airspace"
                     return self._upload(vehicle, path, way, places, fix, why, state)
         return None
@@ -121,10 +126,17 @@ class Evasions:
         return [each for each in near if shapely.dwithin(each.area_m, here, margin_m)]
 
     def _enters_another(
-        self, places: tuple[MissionPlace, ...], fix: PositionFix, airspace: Airspace
+        self,
+        places: tuple[MissionPlace, ...],
+        fix: PositionFix,
+        airspace: Airspace,
+        turn: Sequence[Part] = (),
     ) -> bool:
-        """Return whether a flight out of volumes would enter another one, or loiter in any."""
-        parts = mission_parts(places, [position_of(fix)])
+        """Return whether a flight out of volumes would enter another one, or loiter in any.
+
+        ``turn`` is the space of the turn at its beginning.
+        """
+        parts = [*turn, *mission_parts(places, [position_of(fix)])]
         around = self._around(fix, airspace)
         others = replace(
             airspace, volumes=tuple(each for each in airspace.volumes if each not in around)
