@@ -2,8 +2,8 @@
 
     python -m benchmarks.wind_speed [CELLS] [SEED]
 
-The landscape has CELLS x CELLS cells of 30 m (default 670), with elevations whose amplitude falls
-with the square of the wave number, and a root mean square of the rise of 0.25. The wind is solved
+The landscape has CELLS x CELLS cells of 30 m (default 670). The amplitude of the elevations falls
+with the square of the wave number, and the root mean square of the rise is 0.25. The wind is solved
 for two directions, first one after the other, then in two threads. The times do not contain the
 compilation of the kernels.
 """

@@ -25,7 +25,7 @@ class WindStack(NamedTuple):
 def with_wind_stack(
     weather: WeatherStream, stack: WindStack, landscape: Landscape, interval_s: float
 ) -> WeatherStream:
-    """Return a weather stream whose wind is that of grids.
+    """Return a weather stream with the wind of grids.
 
     Between two grids, the wind vectors of each cell are interpolated linearly at multiples of
     ``interval_s`` after the first of them; each wind is used until the next. The last grid is used

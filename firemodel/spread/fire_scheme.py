@@ -162,7 +162,7 @@ class Fire(ABC):
         return entries[max(sum(entry.at_s <= self.time_s for entry in entries) - 1, 0) :]
 
     def on_clock(self, clock: Callable[[float], float]) -> Self:
-        """Return a copy whose weather changes at other times.
+        """Return a copy in which the weather changes at other times.
 
         ``clock`` gives the time of a change, and must not change times that have passed.
         """

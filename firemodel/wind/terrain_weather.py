@@ -79,13 +79,13 @@ def _free_per_local(responses: NDArray[np.float32], row: int, col: int) -> Float
 def over_terrain(
     weather: WeatherStream, responses: WindGrids, landscape: Landscape
 ) -> WeatherStream:
-    """Return a weather stream whose winds differ from place to place.
+    """Return a weather stream with winds that differ from place to place.
 
     Args:
         weather: The stream; its winds are those at the station of ``responses_of``, or without a
             station the free wind.
         responses: The local winds for a wind of 1 m/s (``responses_of``).
-        landscape: The landscape, whose grid may not point to true north.
+        landscape: The landscape; grid north may differ from true north.
 
     Returns:
         The stream with a ``wind_field`` in each entry; all of them share ``responses``.

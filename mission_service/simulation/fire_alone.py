@@ -93,7 +93,7 @@ def warm_heights_m(fire: Fire, max_warming_k: float | None) -> Floats | None:
 
 
 def heat_warnings(scenario: Scenario, warm_m: Floats | None) -> list[str]:
-    """Return a warning for each vehicle whose altitude is in the warm air of some cells."""
+    """Return a warning for each vehicle with an altitude in the warm air of some cells."""
     if warm_m is None or not (warm_m > 0.0).any():
         return []
     limit_k, highest_m = scenario.mission.max_warming_k, float(np.nanmax(warm_m))

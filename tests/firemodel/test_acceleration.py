@@ -1,4 +1,4 @@
-"""Acceleration of new fires: the equations, and fires whose rate depends on their age."""
+"""Acceleration of new fires: the equations, and fires with a rate that depends on their age."""
 
 import math
 from dataclasses import replace

@@ -91,7 +91,7 @@ def test_the_sunlit_slope_has_the_stronger_flow(terrain: TerrainWind) -> None:
 
 
 def test_the_sunlight_depends_on_true_north() -> None:
-    """A landscape and its copy on a grid whose north points to the east have the same sunlight."""
+    """A landscape and its copy on a grid with north in the east have the same sunlight."""
     row, col = np.indices((30, 81))
     ground = valley() + 60.0 * np.sin(row / 4.0 + col / 9.0)
     sun = sun_at(40.0, 0.0, datetime(2024, 7, 1, tzinfo=UTC), np.array([9.0 * 3600.0]))

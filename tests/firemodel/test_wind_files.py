@@ -125,7 +125,7 @@ def test_a_linear_wind_is_reproduced_exactly(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("north", ["grid", "true"])
 def test_vectors_are_turned_to_the_north_of_the_landscape(tmp_path: Path, north: str) -> None:
-    """A grid in the next UTM zone, whose north differs by 3.5 degrees."""
+    """A grid in the next UTM zone; its north differs by 3.5 degrees."""
     x, y = pyproj.Transformer.from_crs(CRS, "EPSG:32615", always_xy=True).transform(WEST_M, NORTH_M)
     path = write_raster(
         tmp_path / "uv.tif",

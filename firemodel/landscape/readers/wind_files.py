@@ -89,7 +89,7 @@ def read_wind(
 
     Args:
         files: The files.
-        landscape: The landscape, on whose grid the wind is needed.
+        landscape: The landscape; the wind is resampled to its grid.
         starts: Calendar times of 0 s. If the times in the files have a UTC offset, the first start
             with an offset is used, else the first without. Without starts, the first grid is at
             0 s.

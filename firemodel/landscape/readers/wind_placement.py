@@ -60,8 +60,8 @@ def grid_of_wind(layer: WindLayer, crs: str | None, north: str | None) -> WindGr
 def placement_of(landscape: Landscape, grid: WindGrid, path: Path) -> Placement:
     """Return the placement of a landscape in a grid.
 
-    Raises FireModelError, whose message names the file ``path``, if the grid does not cover the
-    landscape.
+    Raises FireModelError if the grid does not cover the landscape; the message names the file
+    ``path``.
     """
     positions = _positions(landscape, grid, path)
     if not grid.true_north and same_crs(grid.crs, landscape.crs):
