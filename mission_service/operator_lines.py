@@ -5,8 +5,10 @@ from mission_service import events
 SHAPES = {"point": "point", "line": "line", "polygon": "area"}
 
 
-def operator_line(event: events.AnyOperatorEvent) -> str:
-    """Return what an operator changed, with the author; "" for events that are announced anyway."""
+def operator_line(event: events.AnyEvent) -> str:
+    """Return what an operator changed, with the author; "" for all other events."""
+    if not isinstance(event, events.OperatorEvent):
+        return ""
     by = event.by or "an operator"
     match event:
         case events.Corrected():

@@ -9,7 +9,13 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.items import Items, MissionItem, command_name
+from autopilot_bridge.items import (
+    AMSL_FRAMES,
+    RELATIVE_FRAMES,
+    Items,
+    MissionItem,
+    command_name,
+)
 from autopilot_bridge.missions.plan_values import array, number
 
 POLYGONS = (
@@ -21,8 +27,6 @@ CIRCLES = (
     mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
 )
 _RETURN = mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT
-_AMSL = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
-_RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
 
 
 def _point(command: int, frame: int, place: list[Any], name: str, value: float) -> MissionItem:
@@ -55,7 +59,7 @@ def fence_of(fence: Any) -> Items:
             raise ValueError(f"{name} has no vertices")
         command = POLYGONS[_inclusion(entry, name)]
         items += [
-            _point(command, _AMSL[0], array(place, name, 2), name, float(len(vertices)))
+            _point(command, AMSL_FRAMES[0], array(place, name, 2), name, float(len(vertices)))
             for place in vertices
         ]
     for index, entry in enumerate(array(fence.get("circles"), "geoFence.circles")):
@@ -63,10 +67,12 @@ def fence_of(fence: Any) -> Items:
         circle = _of(entry, "circle", name)
         centre = array(_of(circle, "center", name), name, 2)
         radius_m = number(_of(circle, "radius", name), name)
-        items.append(_point(CIRCLES[_inclusion(entry, name)], _AMSL[0], centre, name, radius_m))
+        items.append(
+            _point(CIRCLES[_inclusion(entry, name)], AMSL_FRAMES[0], centre, name, radius_m)
+        )
     if fence.get("breachReturn") is not None:
         place = array(fence["breachReturn"], "breachReturn", 3)
-        items.append(_point(_RETURN, _RELATIVE[0], place, "breachReturn", 0.0))
+        items.append(_point(_RETURN, RELATIVE_FRAMES[0], place, "breachReturn", 0.0))
     return tuple(items)
 
 
@@ -109,7 +115,7 @@ def fence_json(fence: Items) -> dict[str, Any]:
             inclusion = bool(CIRCLES.index(item.command))
             circles.append({"circle": circle, "inclusion": inclusion, "version": 1})
         elif item.command == _RETURN and "breachReturn" not in written:
-            if item.frame not in _RELATIVE:
+            if item.frame not in RELATIVE_FRAMES:
                 raise ValueError(_not_relative(f"fence item {index}", item))
             written["breachReturn"] = [*place, item.z]
         else:
@@ -120,7 +126,7 @@ def fence_json(fence: Items) -> dict[str, Any]:
 def _not_relative(name: str, item: MissionItem) -> str:
     return (
         f"{name} has frame {item.frame}; its altitude in a .plan file is above home "
-        f"(frame {_RELATIVE[0]} or {_RELATIVE[1]})"
+        f"(frame {RELATIVE_FRAMES[0]} or {RELATIVE_FRAMES[1]})"
     )
 
 
@@ -138,7 +144,8 @@ def rally_of(rally: Any) -> Items:
     command = mavlink.MAV_CMD_NAV_RALLY_POINT
     named = ((f"rally point {index}", point) for index, point in enumerate(points))
     return tuple(
-        _point(command, _RELATIVE[0], array(point, name, 3), name, 0.0) for name, point in named
+        _point(command, RELATIVE_FRAMES[0], array(point, name, 3), name, 0.0)
+        for name, point in named
     )
 
 
@@ -148,7 +155,7 @@ def rally_json(rally: Items) -> dict[str, Any]:
     for index, item in enumerate(rally):
         if item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:
             raise ValueError(f"rally item {index} is a {command_name(item.command)}")
-        if item.frame not in _RELATIVE:
+        if item.frame not in RELATIVE_FRAMES:
             raise ValueError(_not_relative(f"rally point {index}", item))
         points.append([*_place(index, item, "rally"), item.z])
     return {"points": points, "version": 2}

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import (
+    AMSL_FRAMES,
     MissionItem,
     Plan,
     command_name,
@@ -24,7 +25,6 @@ from autopilot_bridge.missions.plan_values import whole
 from autopilot_bridge.missions.text_file import write_text
 
 _HOME_ITEMS = {"QGC WPL 110": 1, "QGC WPL 120": 0}  # number of home items at the beginning
-_AMSL = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 
 
 def parse(path: Path, text: str) -> Plan:
@@ -62,7 +62,7 @@ def _item(line: str, index: int) -> MissionItem:
 def _home(path: Path, item: MissionItem) -> tuple[float, float, float] | None:
     # This check prevents the loss of the first item of a file that has no home. Mission Planner
     # writes home as command 0.
-    if item.command not in (0, mavlink.MAV_CMD_NAV_WAYPOINT) or item.frame not in _AMSL:
+    if item.command not in (0, mavlink.MAV_CMD_NAV_WAYPOINT) or item.frame not in AMSL_FRAMES:
         raise BridgeError(
             f"{path}: item 0 is a {command_name(item.command)} in frame {item.frame}, but in QGC "
             "WPL 110 it is the home position (WAYPOINT in frame 0): add it, or write QGC WPL 120"
@@ -82,7 +82,7 @@ def write_wpl(path: Path, plan: Plan) -> None:
         )
     lat_deg, lon_deg, altitude_m = plan.home or (0.0, 0.0, 0.0)
     position = (0.0, 0.0, 0.0, 0.0, lat_deg, lon_deg, altitude_m)
-    home = item_of_params(mavlink.MAV_CMD_NAV_WAYPOINT, _AMSL[0], position, 1)
+    home = item_of_params(mavlink.MAV_CMD_NAV_WAYPOINT, AMSL_FRAMES[0], position, 1)
     lines = [_line(at, item) for at, item in enumerate((home, *jumps_moved(plan.mission, 1)))]
     if any("inf" in line for line in lines):
         raise BridgeError(f"{path}: cannot be written: an item has an infinite value")

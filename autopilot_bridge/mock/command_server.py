@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.items import RELATIVE_FRAMES
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.mock.flight_model import FlightModel, Mode
-from autopilot_bridge.mock.local_frame import RELATIVE_FRAMES
 from autopilot_bridge.mock.message_intervals import Intervals
 from autopilot_bridge.mock.mission_sequencer import DEFAULT_RADIUS_M
 from autopilot_bridge.mock.mission_server import MissionServer, text

@@ -4,16 +4,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
-from autopilot_bridge.items import MissionItem
+from autopilot_bridge.items import RELATIVE_FRAMES, MissionItem
 from autopilot_bridge.mock.kinematics import Motion
 from autopilot_bridge.stacks.item_treatment import TERRAIN_FRAMES
 
-RELATIVE_FRAMES = (
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-)
 Terrain = Callable[[float, float], float]  # (latitude, longitude) in degrees -> m AMSL
 
 

@@ -1,6 +1,7 @@
 """Define landscapes: georeferenced rasters (y, x) of fuel, ground and trees."""
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -108,6 +109,16 @@ def _same_datum(left: "CRS", right: "CRS") -> bool:
     return (
         len(shapes) == 2 and shapes[0] == shapes[1] and one.prime_meridian == other.prime_meridian
     )
+
+
+def turned(north: Any, east: Any, turn_deg: float) -> tuple[Any, Any]:
+    """Return the components (north, east) of vectors that are turned clockwise.
+
+    The components are numbers or arrays. A turn by ``grid_convergence_deg`` converts components
+    towards grid north to those towards true north.
+    """
+    cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+    return north * cos - east * sin, east * cos + north * sin
 
 
 def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.float32]:

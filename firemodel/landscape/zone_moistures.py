@@ -4,7 +4,6 @@ In each zone the air has the temperature and humidity of its elevation, and the 
 slope through clouds and crowns. Nelson's sticks (``dead_fuel_sticks``) follow this weather.
 """
 
-import math
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from functools import lru_cache
@@ -14,7 +13,7 @@ import numpy as np
 
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
-from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.landscape import Landscape, turned
 from firemodel.landscape.moisture_zones import MoistureZones
 from firemodel.physics import sunlight
 from firemodel.physics.dead_fuel_sticks import STICKS, stick_moistures
@@ -136,9 +135,7 @@ def _sunlight(air: AirRecords, landscape: Landscape, station_m: float) -> Callab
         passes = sunlight.measured_share(sun, station_m, air.sun_w_m2)
     else:
         passes = sunlight.share_below_clouds(air.cloud_pct / 100.0)
-    turn = math.radians(landscape.grid_convergence_deg)
-    north = zones.rise_north * math.cos(turn) - zones.rise_east * math.sin(turn)
-    east = zones.rise_north * math.sin(turn) + zones.rise_east * math.cos(turn)
+    north, east = turned(zones.rise_north, zones.rise_east, landscape.grid_convergence_deg)
 
     def on(zone: int) -> Floats:
         slope = float(zones.elevation_m[zone]), float(north[zone]), float(east[zone])

@@ -8,20 +8,24 @@ at time t is as large as a fire without acceleration at time t - (1 - exp(-a t))
 
 import math
 
+import numpy as np
+
+from firemodel.arrays import Floats
+
 # The constant a: 90 % of the rate after 20 minutes (point source) and 8 minutes (line source).
 POINT_PER_S = 0.115 / 60.0
 LINE_PER_S = 0.300 / 60.0
 NEWTON_STEPS = 60  # more than Newton's method needs
 
 
-def rate_share(since_s: float, per_s: float) -> float:
-    """Return the share of the rate at a time after the ignition, from 0 to 1.
+def rate_share(since_s: float | Floats, per_s: float) -> Floats:
+    """Return the share of the rate at times after the ignition, from 0 to 1.
 
     Args:
-        since_s: Time since the ignition in s.
+        since_s: Times since the ignition in s.
         per_s: The constant a in 1/s.
     """
-    return -math.expm1(-per_s * since_s)
+    return np.asarray(-np.expm1(-per_s * np.asarray(since_s)))
 
 
 def steady_time_s(since_s: float, per_s: float) -> float:

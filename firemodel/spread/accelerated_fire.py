@@ -1,7 +1,7 @@
 """Simulate new fires that accelerate (``acceleration``), in any scheme without random spread.
 
 The share of the rate depends only on the time since the ignition. A fire with acceleration is
-therefore computed as a fire without acceleration whose times are converted by a clock. Each
+therefore computed as a fire without acceleration, and a clock converts its times. Each
 ignition time has a fire of its own, in which the weather changes at the times of its clock. A cell
 burns when the first of these fires reaches it. A fire that was already burning at the start (a
 mapped perimeter) is not new and has no acceleration.
@@ -53,7 +53,7 @@ class Clock(NamedTuple):
         """Return the share of the steady rate (n) at times (n)."""
         if self.per_s == math.inf:
             return np.ones_like(time_s)
-        return -np.expm1(-self.per_s * np.maximum(time_s - self.at_s, 0.0))
+        return acceleration.rate_share(np.maximum(time_s - self.at_s, 0.0), self.per_s)
 
 
 class ClockedFire(NamedTuple):

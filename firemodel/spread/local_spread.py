@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.errors import FireModelError
-from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape
+from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape, turned
 from firemodel.physics import rothermel
 from firemodel.physics.crown_fire import METHODS, NO_CROWNS, SCOTT_REINHARDT
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, fireline_intensity_kw_m, fuel_bed
@@ -264,10 +264,9 @@ def perturbed(
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
     terms[entry + 1 :, :, 0] *= spread_factor
     terms[entry + 1 :, :, CROWN] *= spread_factor
-    cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
     speed, north, east = tables.wind[entry:, :FIRST_GRID].T
     wind[entry + 1 :, :FIRST_GRID] = np.stack(
-        [speed * wind_factor, north * cos - east * sin, east * cos + north * sin], axis=1
+        [speed * wind_factor, *turned(north, east, turn_deg)], axis=1
     )
     return tables._replace(terms=terms, wind=wind)
 

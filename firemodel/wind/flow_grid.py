@@ -112,6 +112,17 @@ def flow_grid(elevation_m: NDArray[np.floating], cell_m: float, layers: int = LA
     )
 
 
+def block_means(values: NDArray[np.floating], factor: int) -> Floats:
+    """Return the means (y, x) of blocks of cells; the last rows and columns are repeated."""
+    if factor == 1:
+        return np.asarray(values, dtype=np.float64)
+    pads = [(0, -size % factor) for size in values.shape]
+    padded = np.pad(values.astype(np.float64), pads, mode="edge")
+    rows, cols = (size // factor for size in padded.shape)
+    means: Floats = padded.reshape(rows, factor, cols, factor).mean(axis=(1, 3))
+    return means
+
+
 def _buffer(cells: int) -> tuple[int, int]:
     """Return the number of buffer cells before and after a number of cells."""
     total = -(-(cells + 2 * MIN_BUFFER_CELLS) // BUFFER_MULTIPLE) * BUFFER_MULTIPLE
@@ -120,7 +131,7 @@ def _buffer(cells: int) -> tuple[int, int]:
 
 
 def growing_levels(layers: int, first: float) -> Floats:
-    """Return levels (layers + 1) from 0 to 1 whose distances grow by a factor, from ``first``."""
+    """Return levels (layers + 1) from 0 to 1; the distance grows by a factor, from ``first``."""
     if first * layers >= 1.0:
         return np.linspace(0.0, 1.0, layers + 1)
 

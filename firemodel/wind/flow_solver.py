@@ -1,8 +1,8 @@
 """Solve the equations of the mass-consistent wind by conjugate gradients.
 
-The preconditioner is a multigrid cycle in single precision, whose grids have half as many columns
-in each horizontal direction and the same levels: columns are solved exactly, because the layers
-near the ground are much thinner than the cells are wide.
+The preconditioner is a multigrid cycle in single precision. Each of its grids has half as many
+columns in each horizontal direction as the one before, and the same levels: columns are solved
+exactly, because the layers near the ground are much thinner than the cells are wide.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.wind import flow_kernels as kernels
-from firemodel.wind.flow_grid import FlowGrid
+from firemodel.wind.flow_grid import FlowGrid, block_means
 
 Stack = NDArray[np.float32]
 Initial = tuple[Stack | None, Stack | None]  # speed (n, y, x) towards east, and towards south
@@ -108,7 +108,7 @@ class MultigridCycle:
             self._work.append(tuple(np.zeros(shape, np.float32) for _ in range(3)))  # type: ignore[arg-type]
             if max(elevation_m.shape) <= COARSEST:
                 break
-            elevation_m, cell_m = halved(elevation_m), 2.0 * cell_m
+            elevation_m, cell_m = block_means(elevation_m, 2), 2.0 * cell_m
 
     def source(self) -> Stack:
         """Return the array for the right-hand side of the finest grid."""
@@ -128,14 +128,6 @@ class MultigridCycle:
             kernels.apply_flow(phi, image, *tables)
             kernels.improve_columns(phi, source, image, DAMPING, pivot, *tables)
         return phi
-
-
-def halved(elevation_m: Floats) -> Floats:
-    """Return the means of two by two cells; an odd last row or column is repeated."""
-    rows, cols = elevation_m.shape
-    even = np.pad(elevation_m, ((0, rows % 2), (0, cols % 2)), mode="edge")
-    means: Floats = even.reshape(-(-rows // 2), 2, -(-cols // 2), 2).mean(axis=(1, 3))
-    return means
 
 
 def solve_potential(

@@ -1,6 +1,6 @@
 """Diurnal slope flow: wind up sunlit slopes by day and down cooling slopes by night.
 
-The speeds are those of shallow layers on long slopes, whose buoyancy is balanced by friction and
+The speeds are those of shallow layers on long slopes, with a balance of buoyancy, friction and
 entrainment (Briggs 1979, NOAA ATDL 79/25, for upslope flow; Mahrt 1982, J. Atmos. Sci. 39, 2701,
 for downslope flow; as functions of the heat flux in Scire et al. 2000, CALMET User's Guide). The
 coefficients and the depth of the layer are WindNinja's (``cellDiurnal.cpp``).
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
-from firemodel.landscape.landscape import horn
+from firemodel.landscape.landscape import horn, turned
 from firemodel.physics.sunlight import Sun, clear_sunlight_w_m2
 from firemodel.wind.flow_grid import FlowGrid
 from firemodel.wind.flow_solver import Stack, solve_potential
@@ -70,10 +70,8 @@ def sunlit_flux_w_m2(
         The flux (y, x) in W/m², with the buffer of the grid; negative at night.
     """
     north, east = horn(grid.elevation_m, grid.cell_m).astype(np.float64)
-    turn = np.deg2rad(convergence_deg)
-    true_north = north * np.cos(turn) - east * np.sin(turn)
-    true_east = north * np.sin(turn) + east * np.cos(turn)
-    sunlight = clear_sunlight_w_m2(sun, grid.elevation_m, true_north, true_east)
+    true_rise = turned(north, east, convergence_deg)
+    sunlight = clear_sunlight_w_m2(sun, grid.elevation_m, *true_rise)
     return heat_flux_w_m2(sunlight, temperature_c)
 
 

@@ -10,7 +10,7 @@ from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import bilinear
 from firemodel.wind import flow_kernels as kernels
-from firemodel.wind.flow_grid import FlowGrid, flow_grid
+from firemodel.wind.flow_grid import FlowGrid, block_means, flow_grid
 from firemodel.wind.flow_solver import (
     Coefficients,
     Initial,
@@ -197,17 +197,6 @@ def terrain_wind(
         max(each.divergence_1_s for each in found) * grid.cell_m,
         max(each.steps for each in found),
     )
-
-
-def block_means(values: NDArray[np.floating], factor: int) -> Floats:
-    """Return the means (y, x) of blocks of cells; the last rows and columns are repeated."""
-    if factor == 1:
-        return np.asarray(values, dtype=np.float64)
-    pads = [(0, -size % factor) for size in values.shape]
-    padded = np.pad(values.astype(np.float64), pads, mode="edge")
-    rows, cols = (size // factor for size in padded.shape)
-    means: Floats = padded.reshape(rows, factor, cols, factor).mean(axis=(1, 3))
-    return means
 
 
 def local_wind(

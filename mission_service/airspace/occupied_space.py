@@ -14,16 +14,12 @@ import shapely
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.geometry.base import BaseGeometry
 
-from autopilot_bridge.items import MissionItem, has_position
+from autopilot_bridge.items import RELATIVE_FRAMES, MissionItem, has_position
 from firemodel.landscape.landscape import Landscape
 
 Point = tuple[float, float]  # x, y in metres
 Position = tuple[float, float, float]  # x, y, altitude above mean sea level, in metres
 
-RELATIVE_FRAMES = (
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-)
 LOITER_RADIUS_FACTOR = 1.3  # multiple of the radius: loiters are flown wider
 BEHIND_RAD = math.radians(120.0)  # targets farther from the course may be reached by either side
 TURN_STEP_RAD = math.radians(15.0)
@@ -206,7 +202,7 @@ def turning_parts(
     Args:
         places: The positions of the mission.
         turn_radius_m: Radius of the turns; 0 for a vehicle that turns on the spot.
-        from_seq: Index of the first item whose corner or loiter is not flown yet.
+        from_seq: Index of the current item; corners and loiters of earlier items are omitted.
     """
     if turn_radius_m <= 0.0:
         return []

@@ -1,6 +1,5 @@
 """Plans the flights that keep vehicles out of closed airspace: around it, out of it, or a hold."""
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -9,10 +8,9 @@ import msgspec
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.ops import substring
 
-from autopilot_bridge.items import Items, has_position
+from autopilot_bridge.items import AMSL_FRAMES, Items, has_position
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
@@ -67,18 +65,32 @@ class Evasions:
         around = self._around(fix, airspace)
         beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
-        exits = exits_from((fix.x_m, fix.y_m), blocked, beyond_m)
-        # First those to which a plane turns without entering another volume on either side.
-        for turns, place in itertools.product((True, False), exits):
+        found = None
+        for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
             items, planned = self._straight_off(vehicle, path, fix)
             for way in self._altitudes_of(items, path, fix, beyond_m):
                 places = planned if way is items else self._space.route(vehicle, way)
-                turn = self._space.of_mission(vehicle, places) if turns else []
+                if self._enters_another(places, fix, airspace):
+                    continue
+                turn = self._space.of_mission(vehicle, places)
                 if not self._enters_another(places, fix, airspace, turn):
-                    state.evasion, why = Evasion.EXIT, "leave closed airspace"
-                    return self._upload(vehicle, path, way, places, fix, why, state)
-        return None
+                    return self._exit(vehicle, path, way, places, fix, state)
+                found = found or (path, way, places)
+        # A plane may enter another volume in its turn, but there is no other way out.
+        return None if found is None else self._exit(vehicle, *found, fix, state)
+
+    def _exit(
+        self,
+        vehicle: Vehicle,
+        path: Floats,
+        items: Items,
+        places: tuple[MissionPlace, ...],
+        fix: PositionFix,
+        state: AirspaceState,
+    ) -> UploadMission:
+        state.evasion = Evasion.EXIT
+        return self._upload(vehicle, path, items, places, fix, "leave closed airspace", state)
 
     def _altitudes_of(
         self, items: Items, path: Floats, fix: PositionFix, reach_m: float
@@ -283,10 +295,9 @@ def _at_altitudes(items: Items, altitude_of: Callable[[float], float]) -> Items:
 
     Items without a position above mean sea level stay as they are.
     """
-    frames = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
     return tuple(
         replace(item, z=altitude_of(item.z))
-        if item.frame in frames and has_position(item.command)
+        if item.frame in AMSL_FRAMES and has_position(item.command)
         else item
         for item in items
     )

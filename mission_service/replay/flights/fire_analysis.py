@@ -195,8 +195,7 @@ class _Analyser:
             case _:
                 pass
         by_operator = isinstance(event, OperatorEvent)
-        change = operator_line(event) if isinstance(event, OperatorEvent) else ""
-        if change:
+        if change := operator_line(event):
             self._analysis.log.append(LogLine(event.at_us, "", change, True))
         for command in commands:
             if isinstance(command, Announce):
