@@ -142,7 +142,7 @@ async def measured(world: World) -> bool:
                 line = output.decode(errors="replace").strip()
                 click.echo(f"{name:28} loop late {late_ms:7.1f} ms   {line[:110]}")
             probing.cancel()
-    service.app.api.close()
+    service.app.api.context.close()
     return good
 
 

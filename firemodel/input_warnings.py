@@ -10,6 +10,7 @@ import numpy as np
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.weather_records import YEAR
+from firemodel.landscape.time_zone import time_zone_of
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import DEAD_PCT, Weather, WeatherStream
 from firemodel.spread.edge import BEYOND_EDGE
@@ -155,7 +156,7 @@ def _change_of_clocks(inputs: FireInputs) -> Iterator[str]:
     if source is None or source.start is None or source.start.tzinfo is not None:
         return
     to = source.start + timedelta(seconds=min(last_s, inputs.end_s))
-    zone = _time_zone(inputs.landscape)
+    zone = time_zone_of(inputs.landscape)
     change = None if zone is None else _first_change(zone, source.start, to)
     if change is not None:
         yield (
@@ -163,15 +164,6 @@ def _change_of_clocks(inputs: FireInputs) -> Iterator[str]:
             f"{change}: if these are local times, an hour is missing or repeated; add a UTC offset "
             "to the times"
         )
-
-
-def _time_zone(landscape: Landscape) -> ZoneInfo | None:
-    """Return the time zone at the centre of a landscape, or None if no zone is defined there."""
-    from tzfpy import get_tz
-
-    lat, lon = landscape.centre_lat_lon
-    name = get_tz(lon, lat)
-    return ZoneInfo(name) if name else None
 
 
 def _first_change(zone: ZoneInfo, start: datetime, to: datetime) -> date | None:

@@ -1,7 +1,9 @@
 """Compute, from the members of an estimate, the probability that each cell has burned."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +15,9 @@ from firemodel.assimilation.perimeter_rates import FrontRates, Segments
 from firemodel.errors import FireModelError
 
 TIME_LOG_SD = 0.7  # standard deviation of ln of the time in which a member reaches a cell
+
+
+Cells = NDArray[np.intp]
 
 
 class Arrivals(NamedTuple):
@@ -58,6 +63,60 @@ class Forecast:
     def likely_burned(self, at_s: float) -> Mask:
         """Return the area (y, x) with the largest expected intersection over union at a time."""
         return likely_area(self.burn_probability(at_s))
+
+    def at_places(self, places: Sequence[Cells]) -> "Forecast":
+        """Return the forecast of the fire's arrival at places, on a grid of one row.
+
+        Args:
+            places: The cells of each of n places, at least one, as flat indices of the grid (y, x).
+
+        Returns:
+            A forecast on the grid (1, n). A place burns when the first of its cells burns; it
+            belongs to the part of the front that leads to the cell that a member reaches first.
+        """
+        if not places:
+            return replace(self, burned=np.zeros((1, 0), dtype=bool), members=[], front=None)
+        cells = np.concatenate(places)
+        begin = np.cumsum([0, *(len(each) for each in places)])
+        burned = np.logical_or.reduceat(self.burned.flat[cells], begin[:-1])[None]
+        here = (slice(0, 1), slice(0, len(places)))
+        members, earliest_s = [], np.full(len(cells), np.inf, dtype=np.float32)
+        for member in self.members:
+            every_s = np.full(self.burned.shape, np.inf, dtype=np.float32)
+            every_s[member.here] = member.arrival_s
+            arrival_s = every_s.flat[cells]
+            members.append(Arrivals(here, np.minimum.reduceat(arrival_s, begin[:-1])[None]))
+            np.minimum(earliest_s, arrival_s, out=earliest_s)
+        front = self.front
+        if front is not None:
+            ends = pairwise(begin)
+            first = [cells[at + int(np.argmin(earliest_s[at:end]))] for at, end in ends]
+            of_cell = front.segments.of_cell.flat[first][None]
+            front = front._replace(segments=front.segments._replace(of_cell=of_cell))
+        return replace(self, burned=burned, members=members, front=front)
+
+    def arrival_quantiles_s(self, shares: Sequence[float], times_s: Sequence[float]) -> Floats:
+        """Return the times (k, y, x) at which the burn probability reaches each share.
+
+        Args:
+            shares: k probabilities between 0 and 1, such as 0.1, 0.5 and 0.9.
+            times_s: Increasing times from ``at_s`` to ``until_s``, at which the probability is
+                computed; between them it is interpolated linearly.
+
+        Returns:
+            Times from the first of ``times_s`` on; infinity where the probability is smaller than
+            the share at all of them.
+        """
+        found = np.full((len(shares), *self.burned.shape), np.inf)
+        before, before_s = np.zeros(self.burned.shape), times_s[0]
+        for at_s in times_s:
+            probability = np.maximum(self.burn_probability(at_s), before)
+            for share, reached_s in zip(shares, found, strict=True):
+                new = (probability >= share) & (before < share)
+                part = (share - before[new]) / (probability[new] - before[new])
+                reached_s[new] = before_s + part * (at_s - before_s)
+            before, before_s = probability, at_s
+        return found
 
     def travel_s(self) -> Floats:
         """Return the modelled time (y, x) from ``at_s`` to arrival: the members' geometric mean.

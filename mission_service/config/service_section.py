@@ -90,14 +90,27 @@ Names = Annotated[tuple[str, ...], Field(min_length=1)]
 Percent = Annotated[float, Field(ge=0, lt=100)]
 
 
-class CotReportsSection(Section):
-    """The people whose markers and shapes in TAK are observations of the fire.
+class CotPeopleSection(Section):
+    """The people in TAK of which the service uses the positions.
 
     A person must belong to one of ``groups`` and have one of ``roles`` (not case-sensitive).
     """
 
     groups: Names  # team colours
     roles: Names
+
+    def accepts_group(self, group: str) -> bool:
+        """Return whether people with this team colour are accepted."""
+        return group.casefold() in (each.casefold() for each in self.groups)
+
+    def accepts_role(self, role: str) -> bool:
+        """Return whether people with this role are accepted."""
+        return role.casefold() in (each.casefold() for each in self.roles)
+
+
+class CotReportsSection(CotPeopleSection):
+    """The people whose markers and shapes in TAK are observations of the fire."""
+
     position_sd_m: Annotated[float, Field(gt=0, le=1000)] = 25.0  # minimum, of a drawn place
     # A TAK user is not identified, and a marker may be wrong. With any fraction above 0, a second
     # report may be required.
@@ -117,13 +130,17 @@ class CotSection(Section):
     tls_ca: Path | None = None
     tls_certificate: Path | None = None
     tls_key: Path | None = None
+    # Severe alarms are sent as chat messages to all; "all" adds the other alarms.
+    chat: Literal["none", "severe", "all"] = "severe"
     reports: CotReportsSection | None = None
+    people: CotPeopleSection | None = None
 
     @model_validator(mode="after")
-    def _reports_arrive(self) -> "CotSection":
-        if self.reports is not None and self.scheme == "udp" and not _is_multicast(self.host):
+    def _events_arrive(self) -> "CotSection":
+        receives = self.reports is not None or self.people is not None
+        if receives and self.scheme == "udp" and not _is_multicast(self.host):
             raise ValueError(
-                f"reports cannot arrive from {self.url}: give a TAK server (tcp:// or tls://) or a "
+                f"no events arrive from {self.url}: give a TAK server (tcp:// or tls://) or a "
                 'multicast group, such as "udp://239.2.3.1:6969"'
             )
         return self
@@ -154,6 +171,29 @@ class CotSection(Section):
         return int(self.url.rpartition(":")[2])
 
 
+class FireArrivalSection(Section):
+    """The watch of the fire's arrival at people and at values at risk, and its alarms.
+
+    An alarm is raised while the fire arrives within ``warn_min`` with a probability of 10 %; it is
+    severe within ``severe_min``.
+    """
+
+    values: tuple[Path, ...] = ()  # roads, structures, areas: GeoJSON, KML, KMZ, zipped Shapefile
+    warn_min: Annotated[float, Field(gt=0, le=360)] = 60.0
+    severe_min: Annotated[float, Field(ge=0, le=360)] = 20.0
+    distance_m: Annotated[float, Field(ge=0, le=1000)] = 50.0  # fire this near has arrived
+    every_s: Annotated[float, Field(ge=5, le=600)] = 30.0
+
+    @model_validator(mode="after")
+    def _severe_is_later(self) -> "FireArrivalSection":
+        if self.severe_min > self.warn_min:
+            raise ValueError(
+                f"severe_min = {self.severe_min:g} is longer than warn_min = {self.warn_min:g}: an "
+                "alarm becomes severe after it was a warning"
+            )
+        return self
+
+
 class JournalSection(Section):
     """Rotation and retention of the journal on disk."""
 
@@ -168,6 +208,7 @@ class ServiceSection(Section):
     http: HttpSection | None = None
     mqtt: MqttSection | None = None
     cot: CotSection | None = None
+    fire_arrival: FireArrivalSection | None = None
     journal: JournalSection = JournalSection()
     # The command to vehicles at an orderly shutdown: none (missions end in a loiter), a hold at the
     # current position, or a return home.

@@ -1,12 +1,13 @@
 """Forecast the estimated fire of a burn; the plans of the burn are based on this forecast."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
+from firemodel.assimilation.estimate_forecast import Cells
 from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.fire.estimated_fire import EstimatedFire
@@ -50,6 +51,19 @@ class EstimatedForecasts:
         _, simulation, arrival_s = await self._arrivals()
         return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
 
+    async def arrival_quantiles_s(
+        self, places: Sequence[Cells], shares: Sequence[float], for_s: float
+    ) -> tuple[float, Floats]:
+        """Return the times at which fire reaches places (``Forecasts.arrival_quantiles_s``)."""
+        _, simulation, arrival_s = await self._arrivals()
+        first = np.array([cells[int(np.argmin(arrival_s.flat[cells]))] for cells in places], int)
+        until_s, median_s = self._now_s() + for_s, arrival_s.flat[first]
+        sd_s = (await asyncio.to_thread(self._sd_s, simulation, arrival_s)).flat[first]
+        ahead_s = median_s + ndtri(np.asarray(shares))[:, None] * np.where(
+            np.isfinite(median_s), np.maximum(sd_s, 1.0), 1.0
+        )
+        return until_s, np.where(ahead_s <= until_s, ahead_s, np.inf)
+
     async def follow(self) -> None:
         """Wait until cancelled; the estimate of a burn needs no processing."""
         await asyncio.Event().wait()
@@ -67,13 +81,17 @@ class EstimatedForecasts:
         return version, simulation, found[2]
 
     def _probability(self, simulation: Simulation, arrival_s: Floats, at_s: float) -> Floats:
-        # The paper's correction has no standard deviations.
-        sd_of = getattr(simulation, "sd_s", None)
-        if sd_of is None:
-            first_s = float(arrival_s.min())
-            sd_s = UNCORRECTED_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)
-        else:
-            sd_s = sd_of(self._centres_m).reshape(arrival_s.shape)
+        sd_s = self._sd_s(simulation, arrival_s)
         with np.errstate(invalid="ignore"):
             share = ndtr((at_s - arrival_s) / np.maximum(sd_s, 1.0))
         return np.where(np.isfinite(arrival_s), share, 0.0)
+
+    def _sd_s(self, simulation: Simulation, arrival_s: Floats) -> Floats:
+        """Return the standard deviation (y, x) of the arrival times."""
+        # The paper's correction has no standard deviations.
+        sd_of = getattr(simulation, "sd_s", None)
+        if sd_of is not None:
+            found: Floats = sd_of(self._centres_m).reshape(arrival_s.shape)
+            return found
+        first_s = float(arrival_s.min())
+        return UNCORRECTED_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)

@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import NamedTuple, TypeVar
@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.assimilation.estimate_forecast import Forecast
+from firemodel.assimilation.estimate_forecast import Cells, Forecast
 from firemodel.assimilation.fire_estimate import FireEstimate
 from firemodel.errors import FireModelError
 from firemodel.spread.fire_scheme import StartArea
@@ -27,6 +27,9 @@ FURTHER_S = 1200.0
 PRESENT_S = 10.0  # times up to this far ahead count as now: the estimate lags behind the clock
 OLD_S = 180.0  # a forecast is computed again at this age in mission time
 FOLLOW_EVERY_S = 5.0  # interval in real time at which queued inputs are processed
+# The times after a forecast's start at which the arrival at places is computed.
+_STEPS_MIN = (range(60), range(60, 180, 5), range(180, 361, 10))
+ARRIVAL_STEPS_S = tuple(60.0 * minutes for steps in _STEPS_MIN for minutes in steps)
 REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
 
 Floats = NDArray[np.float64]
@@ -101,6 +104,35 @@ class Forecasts:
         at_s = max(at_s, forecast.at_s)
         return np.maximum(await self._in_thread(partial(forecast.burn_probability, at_s)), burned)
 
+    async def arrival_quantiles_s(
+        self, places: Sequence[Cells], shares: Sequence[float], for_s: float
+    ) -> tuple[float, Floats]:
+        """Return the end of a forecast, and the times (k, n) at which the fire reaches places.
+
+        Args:
+            places: The cells of each of n places, as flat indices of the grid; at least one each.
+            shares: k probabilities with which the fire has arrived at these times.
+            for_s: Length of the forecast from now.
+
+        Returns:
+            The end of the forecast, and the times; infinity for no arrival until then. Where the
+            fire has arrived, they are the estimated time of arrival. Raises FireModelError like
+            ``arrival``.
+        """
+        now_s = self._estimate_of().fire.time_s
+        _check(now_s + for_s, now_s)
+        forecast, arrival = await self._fresh(now_s + for_s)
+        past_s = np.array([arrival.arrival_s.flat[cells].min() for cells in places])
+        until_s = min(now_s + for_s, arrival.until_s)
+        if forecast is None:
+            ahead_s = np.full((len(shares), len(places)), np.inf)
+        else:
+            steps = (forecast.at_s + each for each in ARRIVAL_STEPS_S)
+            times_s = [each for each in steps if each <= until_s]
+            work = partial(_quantiles_s, forecast, places, shares, times_s)
+            ahead_s = await self._in_thread(work)
+        return until_s, np.where(past_s <= arrival.at_s, past_s, ahead_s)
+
     def close(self) -> None:
         """Cancel running computations."""
         self._thread.shutdown(wait=False, cancel_futures=True)
@@ -172,6 +204,12 @@ def _forecast(estimate: FireEstimate, now_s: float, until_s: float) -> Forecast 
     if now_s > found.time_s:
         found.advance(now_s)
     return found.forecast(until_s)
+
+
+def _quantiles_s(
+    forecast: Forecast, places: Sequence[Cells], shares: Sequence[float], times_s: Sequence[float]
+) -> Floats:
+    return forecast.at_places(places).arrival_quantiles_s(shares, times_s)[:, 0]
 
 
 def _joined(arrival_s: Floats, forecast: Forecast, now_s: float) -> Floats:

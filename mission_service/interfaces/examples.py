@@ -17,6 +17,7 @@ from mission_service.airspace.operational_intent import (
     VehicleIntent,
 )
 from mission_service.commands import ClearedVehicle
+from mission_service.fire_arrival.arrival_times import FireArrival
 from mission_service.interfaces.api.models import (
     FullState,
     Importance,
@@ -26,7 +27,13 @@ from mission_service.interfaces.api.models import (
     StatusState,
 )
 from mission_service.interfaces.maps.draped_images import MapImage
-from mission_service.interfaces.mqtt.payloads import Aircraft, Alarms, Reply, ServiceStatus
+from mission_service.interfaces.mqtt.payloads import (
+    Aircraft,
+    Alarms,
+    FireArrivals,
+    Reply,
+    ServiceStatus,
+)
 from mission_service.missions.mission_figures import Figures
 from mission_service.requests import HASH
 from mission_service.runtime.play_head import ReplayState
@@ -127,6 +134,20 @@ AIRCRAFT = NearbyAircraft(
     *(61.7, 214.5, -1.95, 0.62, "sbs 127.0.0.1:30003"),
     *("corrective", "hawk", 4684.0, 251.2),
 )
+FIRE_ARRIVAL = FireArrival(
+    AT_US,
+    UNIX_US,
+    "person/ANDROID-0123456789abcdef",
+    "Engine 3",
+    "person",
+    36.364201,
+    -84.140913,
+    position_unix_us=UNIX_US - 12_000_000,
+    early_at_us=AT_US + 720_000_000,
+    median_at_us=AT_US + 1_500_000_000,
+    late_at_us=None,
+    until_us=AT_US + 21_600_000_000,
+)
 STATUS = StatusState(AT_US, UNIX_US, "default", "islam_hu_damped", 7200.0, [], False)
 FIRE = {
     "schema": "fire/1",
@@ -203,6 +224,7 @@ STATE = FullState(
     sources=[SOURCE],
     airspace=AIRSPACE,
     aircraft=[AIRCRAFT],
+    fire_arrivals=[FIRE_ARRIVAL],
 )
 FIGURES = Figures(6, 2980.0, 248.0, 118.0, 36.3524, -84.1588, 842.0, 3310.0, False, [])
 PREVIEW = Preview(AT_US, "hawk", HASH, (ITEM,), FIGURES, MissionDifference(2, 4, 3, 84.0))
@@ -255,10 +277,11 @@ OF: dict[type, msgspec.Struct] = {
             PREVIEW,
             IMPORTANCE,
         ),
-        *(SOURCE, IMAGE, AIRSPACE, AIRCRAFT, INTENTS),
+        *(SOURCE, IMAGE, AIRSPACE, AIRCRAFT, INTENTS, FIRE_ARRIVAL),
         ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),
         Aircraft(AT_US, (AIRCRAFT,)),
+        FireArrivals(AT_US, (FIRE_ARRIVAL,)),
         Reply("7f3a", "hold", AT_US, True, event="OrderGiven", messages=("hawk: holds",)),
     )
 }

@@ -122,7 +122,7 @@ class SourceReceiver:
 def _listening(address: tuple[Any, ...], family: int) -> socket.socket:
     """Return a socket for datagrams to an address, or to a multicast group. Raises OSError."""
     if ipaddress.ip_address(address[0]).is_multicast:
-        from mission_service.interfaces.cot.cot_sender import joined_group  # imports the maps
+        from mission_service.interfaces.cot.tak_connections import joined_group  # imports the maps
 
         return joined_group(address, family)
     listener = socket.socket(family, socket.SOCK_DGRAM)

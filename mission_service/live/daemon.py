@@ -110,6 +110,7 @@ async def serve(
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     latest_us = round(scenario.duration_s * 1e6)
     landscape = landscape_of(scenario)
+    watch_arrivals = _arrival_watch(run, landscape)
     _warm_up(scenario, landscape, notice)
     announcements = _Announcements()
     async with contextlib.AsyncExitStack() as stack:
@@ -136,6 +137,7 @@ async def serve(
         retention = JournalRetention(service, service.shared_references, run.settings.journal)
         worker = EstimateWorker(service, clock_us, partial(flush, links))
         context = _context_of(run, service, clock, links, worker)
+        stack.callback(context.close)
         context.gauges["state_seconds"] = lambda: retention.write_s
         check = _Check(context, watch, progress)
         stop = asyncio.Event()
@@ -149,6 +151,8 @@ async def serve(
         ]
         if scenario.surveillance is not None:
             tasks.append(partial(receive_aircraft, section=scenario.surveillance))
+        if watch_arrivals is not None:
+            tasks.append(watch_arrivals)
         is_over = await _run_tasks(context, tasks, exchange, check, stop, latest_us)
         # After SIGTERM, sent by a supervisor, the next start resumes the run.
         terminated = signal.SIGTERM in signals
@@ -157,6 +161,17 @@ async def serve(
     service.estimate.advance(clock.now_us)
     progress(service.state_view, service.estimate.fire)
     return service.statistics, service.estimate.fire
+
+
+def _arrival_watch(run: Run, landscape: Landscape) -> RunInterface | None:
+    """Return the watch of the fire's arrival, if it is configured. Raises ScenarioError."""
+    section = run.settings.fire_arrival
+    if section is None:
+        return None
+    from mission_service.live.fire_arrival_watch import values_of, watch_fire_arrival
+
+    values = values_of(section, landscape)
+    return partial(watch_fire_arrival, section=section, values=values)
 
 
 def _warm_up(scenario: Scenario, landscape: Landscape, notice: Callable[[str], None]) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.service_section import ServiceSection
 from mission_service.core.core import Core
 from mission_service.fire.run_estimate import RunEstimate
+from mission_service.fire_arrival.people import People
 from mission_service.missions.mission_figures import Figures, figures_of
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
@@ -34,7 +36,10 @@ from mission_service.runtime.state_view import StateView
 from mission_service.runtime.vehicle_links import Link
 
 if TYPE_CHECKING:
+    from mission_service.fire.burn_forecast import EstimatedForecasts
     from mission_service.fire.estimated_fire import EstimatedFire
+    from mission_service.fire.forecast import Forecasts
+    from mission_service.fire_arrival.arrival_times import FireArrival
 
 Floats = NDArray[np.float64]
 
@@ -63,6 +68,8 @@ class RunContext:
         self.stopping = False
         self.gauges: dict[str, Callable[[], float]] = {}  # further metrics, by name
         self.replay: Callable[[], ReplayState] | None = None  # set in a replay of a logged flight
+        self.people = People()
+        self.arrivals: list[FireArrival] = []  # the fire's arrival at people and values at risk
         self._bell = asyncio.Event()
 
     @property
@@ -109,6 +116,28 @@ class RunContext:
     def fire(self) -> dict[str, Any]:
         """Return the burned area, the wind and the corrections of the fire (``StateView.fire``)."""
         return self.state_view.fire(self.estimate.fire.burned_ha, self.estimate.corrections())
+
+    @cached_property
+    def forecasts(self) -> "Forecasts | EstimatedForecasts":
+        """The forecasts of the run's estimate or, in a burn, of the burn's estimated fire.
+
+        All interfaces share them, so that each forecast is computed once.
+        """
+        if self.estimated_fire is not None:
+            from mission_service.fire.burn_forecast import EstimatedForecasts
+
+            def estimated() -> "EstimatedFire":
+                assert self.estimated_fire is not None
+                return self.estimated_fire
+
+            return EstimatedForecasts(estimated, self.landscape, lambda: self.clock.now_us / 1e6)
+        from mission_service.fire.forecast import Forecasts
+
+        return Forecasts(lambda: self.estimate, lambda: self.state_view.fire_version)
+
+    def close(self) -> None:
+        """Cancel the forecasts that are being computed."""
+        self.forecasts.close()
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":

@@ -233,6 +233,10 @@ class StateView(Notices):
         self.fire_version += 1
         self._touch("fire")
 
+    def arrivals_changed(self) -> None:
+        """Mark the fire's arrivals at people and values at risk as changed."""
+        self._touch("fire_arrivals")
+
     def replay_changed(self) -> None:
         """Mark the replay as changed after a change of its position or speed."""
         self._touch("replay")

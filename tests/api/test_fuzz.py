@@ -66,7 +66,7 @@ def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyP
         for found in schema.get_all_operations():
             operation = found.ok()  # type: ignore[union-attr]
             FEW(given(case=operation.as_strategy())(ask))()
-        service.app.api.close()
+        service.app.api.context.close()
         runner.run(http.aclose())
     assert answers.total() >= EXAMPLES * 45
     assert answers[200] > 20  # many requests are carried out

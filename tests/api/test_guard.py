@@ -31,7 +31,7 @@ def asked(world: World, ask: Callable[[Served, httpx.AsyncClient], Awaitable[Non
         service.app.api.streams.stopping.set()
         async with client(service.app) as http:
             await ask(service, http)
-        service.app.api.close()
+        service.app.api.context.close()
 
     asyncio.run(go())
     return service

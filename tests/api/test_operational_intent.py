@@ -38,7 +38,7 @@ def ask(world: World, status: int = 200, **params: Any) -> Any:
     async def go() -> Any:
         async with client(service.app, headers=service.headers(), timeout=PATIENCE_S) as http:
             answer = await http.get("/api/v1/airspace/intents", params=params)
-        service.app.api.close()
+        service.app.api.context.close()
         assert answer.status_code == status, answer.text
         return answer.json()
 

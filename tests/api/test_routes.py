@@ -40,7 +40,7 @@ def asked(world: World, ask: Callable[[httpx.AsyncClient], Awaitable[None]]) -> 
     async def go() -> None:
         async with client(service.app, headers=service.headers(), timeout=PATIENCE_S) as http:
             await ask(http)
-        service.app.api.close()
+        service.app.api.context.close()
 
     asyncio.run(go())
     return service
@@ -296,7 +296,7 @@ def test_unknown_query_parameters_are_refused_on_every_route(flying: World) -> N
                 assert "unknown query parameter 'colour'; the route has" in answer.json()["error"]
 
     asyncio.run(ask())
-    service.app.api.close()
+    service.app.api.context.close()
 
 
 def test_an_abort_is_accepted_with_any_query_parameter(tmp_path: Path) -> None:

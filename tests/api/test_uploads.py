@@ -46,7 +46,7 @@ def sent(world: World, *bodies: bytes) -> list[httpx.Response]:
                 await http.post(PATH, content=each, headers=service.headers()) for each in bodies
             ]
             assert (await http.get("/healthz")).status_code == 200
-        service.app.api.close()
+        service.app.api.context.close()
         return answers
 
     return asyncio.run(go())

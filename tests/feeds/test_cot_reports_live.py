@@ -17,8 +17,9 @@ import takproto
 from mission_service.config.scenario import load_scenario
 from mission_service.config.service_section import CotReportsSection, CotSection
 from mission_service.events import FireObserved
-from mission_service.interfaces.cot import cot_sender, report_receiver
-from mission_service.interfaces.cot.cot_sender import cot_interface, joined_group
+from mission_service.interfaces.cot import cot_sender, event_receiver
+from mission_service.interfaces.cot.cot_sender import cot_interface
+from mission_service.interfaces.cot.tak_connections import joined_group
 from mission_service.journal.snapshot import Known, copied
 from mission_service.replay.verification import verify
 from mission_service.runtime.clocks import wall_us
@@ -33,6 +34,7 @@ from tests.patience import until
 
 SCENARIO = load_scenario("default", ("start_s=1380", "deploy_at_s=1380", "planner.rule=circling"))
 REPORTS = CotReportsSection(groups=("Cyan",), roles=("Team Member",))
+SETTINGS = CotSection(url="tcp://127.0.0.1:8087", every_s=0.1, reports=REPORTS)
 
 
 @pytest.fixture
@@ -74,8 +76,8 @@ class TakServer:
 
 
 @asynccontextmanager
-async def running(world: World, url: str) -> AsyncIterator[None]:
-    settings = CotSection(url=url, every_s=0.1, reports=REPORTS)
+async def running(world: World, url: str, settings: CotSection = SETTINGS) -> AsyncIterator[None]:
+    settings = settings.model_copy(update={"url": url})
     task = asyncio.create_task(cot_interface(settings, world.context.scenario.name)(world.context))
     try:
         yield
@@ -255,20 +257,20 @@ def test_a_flood_is_read_slowly_and_announced_with_few_lines(
         slept.append(seconds)
 
     now_us = [10_000_000]
-    monkeypatch.setattr(report_receiver, "clock_us", lambda: now_us[0])
-    monkeypatch.setattr(report_receiver, "asyncio", SimpleNamespace(sleep=no_sleep))
-    receiver = report_receiver.ReportReceiver(world.context, REPORTS, "site")
+    monkeypatch.setattr(event_receiver, "clock_us", lambda: now_us[0])
+    monkeypatch.setattr(event_receiver, "asyncio", SimpleNamespace(sleep=no_sleep))
+    receiver = event_receiver.EventReceiver(world.context, SETTINGS, "site")
 
     async def flood(events: Callable[[int], bytes], count: int) -> None:
         for number in range(count):
             await receiver.receive(events(number))
 
-    flooded = 2 * round(report_receiver.EVENTS_AT_ONCE)
+    flooded = 2 * round(event_receiver.EVENTS_AT_ONCE)
     asyncio.run(flood(lambda number: user(f"u{number}", group=f"G{number}"), flooded))
-    assert sum(each > 0.0 for each in slept) == flooded - report_receiver.EVENTS_AT_ONCE
+    assert sum(each > 0.0 for each in slept) == flooded - event_receiver.EVENTS_AT_ONCE
     asyncio.run(flood(lambda number: marker(uid=f"m{number}", creator="u1999"), 300))
     asyncio.run(flood(lambda number: b"<event>%d" % number, 300))
-    assert len(lines(world)) == report_receiver.LINES_AT_ONCE
+    assert len(lines(world)) == event_receiver.LINES_AT_ONCE
     now_us[0] += 11_000_000
     asyncio.run(flood(lambda number: marker(uid="last", creator="u1999"), 1))
     assert lines(world)[-1].endswith("(281 further lines are omitted)")
@@ -276,7 +278,7 @@ def test_a_flood_is_read_slowly_and_announced_with_few_lines(
 
 
 def test_an_event_does_not_hold_the_event_loop(world: World) -> None:
-    receiver = report_receiver.ReportReceiver(world.context, REPORTS, "site")
+    receiver = event_receiver.EventReceiver(world.context, SETTINGS, "site")
     largest = shape([(36.0 + number * 1e-6, -84.0) for number in range(1000)], at_us=wall_us())
     long_ = event_text("x", "a-u-G", (1, 2), "<a>" * 9_000 + "</a>" * 9_000, wall_us())
 

@@ -245,3 +245,34 @@ def test_a_restarted_fire_equals_a_new_fire_from_the_same_state() -> None:
     twice = AnyAngleFire(LAND, WIND, []).restarted(burning, spread_factor=2.0)
     twice.advance(5000.0)
     np.testing.assert_allclose(twice.burned_ha, again.burned_ha, rtol=0.02)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_the_arrival_at_single_cells_is_that_of_the_whole_forecast(count: int) -> None:
+    """For members alone (one perimeter) and with learned rates (three perimeters)."""
+    forecast = after_perimeters(true_fire(1.3), count).forecast(8000.0)
+    cells = np.arange(0, CELLS * CELLS, 37)
+    times_s = np.linspace(forecast.at_s, forecast.until_s, 60).tolist()
+    whole = forecast.arrival_quantiles_s((0.1, 0.5, 0.9), times_s).reshape(3, -1)[:, cells]
+    at_cells = forecast.at_places([np.array([cell]) for cell in cells])
+    np.testing.assert_array_equal(
+        at_cells.arrival_quantiles_s((0.1, 0.5, 0.9), times_s)[:, 0], whole
+    )
+    for share, reached_s in zip((0.1, 0.5, 0.9), whole, strict=True):
+        for at_s in (times_s[0], times_s[20]):
+            burned = forecast.burn_probability(at_s).flat[cells] >= share
+            np.testing.assert_array_equal(reached_s <= at_s, burned)
+    assert (np.diff(np.where(np.isinf(whole), 1e9, whole), axis=0) >= 0.0).all()
+
+
+def test_fire_reaches_a_place_at_its_first_cell() -> None:
+    forecast = after_perimeters(true_fire(1.0), 1).forecast(12_000.0)
+    row = MIDDLE[0] * CELLS
+    ahead = np.arange(row + 42, row + 55)
+    times_s = np.linspace(forecast.at_s, forecast.until_s, 60).tolist()
+    places = [ahead, ahead[:1], ahead[::-1][:1]]
+    together_s, first_s, last_s = forecast.at_places(places).arrival_quantiles_s((0.1,), times_s)[
+        0, 0
+    ]
+    assert together_s == first_s < last_s
+    assert forecast.at_places([]).arrival_quantiles_s((0.1,), times_s).shape == (1, 1, 0)

@@ -213,3 +213,36 @@ def test_times_that_cannot_be_are_refused(at_s: float, message: str) -> None:
     for work in (lambda f: f.arrival(at_s), lambda f: f.probability(at_s)):
         with pytest.raises(FireModelError, match=message):
             ask(estimated(), work)
+
+
+def test_arrivals_at_places_are_past_now_and_ahead() -> None:
+    estimate = estimated()
+    shares = (0.1, 0.5, 0.9)
+    burned = np.flatnonzero(estimate.fire.burned())
+    row, col = np.unravel_index(burned[len(burned) // 2], estimate.fire.burned().shape)
+
+    async def watch(forecasts: Forecasts) -> Any:
+        arrival = await forecasts.arrival(NOW_S + HOUR_S)
+        ahead = np.flatnonzero(
+            (arrival.arrival_s > NOW_S + 600.0) & (arrival.arrival_s < NOW_S + 1200.0)
+        )
+        places = [burned[:1], ahead[:1], np.array([0])]
+        until_s, times_s = await forecasts.arrival_quantiles_s(places, shares, HOUR_S)
+        return ahead[0], arrival.arrival_s, until_s, times_s
+
+    cell, arrival_s, until_s, times_s = ask(estimate, watch)
+    assert until_s == NOW_S + HOUR_S
+    assert (times_s[:, 0] == arrival_s.flat[burned[0]]).all()
+    early_s, median_s, late_s = times_s[:, 1]
+    assert NOW_S <= early_s < median_s <= late_s
+    assert abs(median_s - arrival_s.flat[cell]) < 1200.0
+    assert np.isinf(times_s[:, 2]).all()
+    assert arrival_s[row, col] <= NOW_S
+
+
+def test_a_forecast_of_places_is_not_too_long() -> None:
+    with pytest.raises(FireModelError, match="6 h is the maximum"):
+        ask(
+            estimated(),
+            lambda forecasts: forecasts.arrival_quantiles_s([np.array([0])], (0.5,), 7 * HOUR_S),
+        )

@@ -43,7 +43,9 @@ def context_of(
     rows, cols = np.indices(landscape.shape)
     arrival_s = 30.0 * np.hypot(rows - 100, cols - 100)
     fire = SimpleNamespace(expected_s=lambda: arrival_s, start_area=None, time_s=300.0)
-    world = SimpleNamespace(fire=fire, landscape=landscape)
+    processed = SimpleNamespace(begun=False)
+    ensemble = SimpleNamespace(processed=processed, inputs_until=lambda at_s: ())
+    world = SimpleNamespace(fire=fire, landscape=landscape, ensemble=ensemble)
     service: Any = SimpleNamespace(
         estimate=world,
         state_view=state_view,

@@ -419,7 +419,7 @@ def posted(world: World, *calls: tuple[str, dict[str, Any]]) -> list[httpx.Respo
                 await http.post(path, headers=service.headers("observe"), **keys)
                 for path, keys in calls
             ]
-        service.app.api.close()
+        service.app.api.context.close()
         return found
 
     return asyncio.run(go())

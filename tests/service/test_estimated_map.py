@@ -27,6 +27,13 @@ def test_the_estimate_is_shown_and_a_correction_reduces_its_uncertainty_nearby()
     assert abs(unsure[row, col] - 0.5) < 1e-9
     later = asyncio.run(forecasts.probability(float(at_place) + 60.0))
     assert 0.5 < later[row, col] < 0.95
+    cell = np.array([row * landscape.shape[1] + col])
+    quantiles = forecasts.arrival_quantiles_s([cell], (0.1, 0.5, 0.9), 3600.0)
+    until_s, ((early_s,), (median_s,), (late_s,)) = asyncio.run(quantiles)
+    assert until_s == 4200.0
+    assert early_s < median_s == at_place < late_s
+    at_late = asyncio.run(forecasts.probability(float(late_s)))
+    assert abs(at_late[row, col] - 0.9) < 1e-9
     lat, lon = (float(value) for value in landscape.lat_lon_of(*place[0]))
     now_us, boss = 700_000_000, "firing-boss"
     estimated.apply(Corrected(now_us, "ann", boss, "burning", "point", ((lat, lon),), now_us))

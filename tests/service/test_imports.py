@@ -49,6 +49,7 @@ SHELL = {
     "mission_service/live/daemon.py",
     "mission_service/live/aircraft_sources.py",
     "mission_service/live/estimate_worker.py",
+    "mission_service/live/fire_arrival_watch.py",
     "mission_service/sensors/thermal/image_folder.py",  # images have calendar times
     "mission_service/sensors/files/observation_folder.py",  # files have calendar times
     "mission_service/sensors/threaded_sensor.py",  # a thread
@@ -57,7 +58,8 @@ SHELL = {
     "mission_service/sensors/video/video_sources.py",  # a socket
     "mission_service/simulation/demo.py",
     "mission_service/interfaces/cot/cot_sender.py",
-    "mission_service/interfaces/cot/report_receiver.py",
+    "mission_service/interfaces/cot/event_receiver.py",
+    "mission_service/interfaces/cot/tak_connections.py",
     "mission_service/replay/flights/replay_server.py",
     "mission_service/cli/replay_live.py",
     "mission_service/interfaces/mqtt/peer_exchange.py",
@@ -69,7 +71,7 @@ SHELL = {
     "mission_service/fire/forecast.py",
     "mission_service/simulation/mock_processes.py",
     "mission_service/interfaces/mqtt/broker_connection.py",
-    "mission_service/interfaces/maps/run_forecasts.py",  # runs in a thread
+    "mission_service/interfaces/maps/run_fronts.py",  # runs in a thread
     "mission_service/interfaces/mqtt/command_inbox.py",
     "mission_service/interfaces/mqtt/publisher.py",
     "mission_service/runtime/systemd_notify.py",

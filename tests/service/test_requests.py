@@ -49,7 +49,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> World:
 def described(flight: World) -> Iterator[dict[str, Any]]:
     app = served(flight).app
     yield app.routes.openapi()
-    app.api.close()
+    app.api.context.close()
 
 
 def station_in(world: World) -> str:

@@ -21,7 +21,6 @@ from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_cameras import SimulatedCameras
 from mission_service.fire.simulated_fire import SimulatedFire, simulated_fire_of
-from mission_service.interfaces.maps.run_forecasts import forecasts_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from mission_service.simulation.simulated_crew import SimulatedCrew
@@ -97,7 +96,7 @@ def test_every_rule_flies_with_a_poisoned_fire(rule: str, tmp_path: Path) -> Non
     now_s = world.now_s
 
     async def read() -> None:
-        forecasts = forecasts_of(context)
+        forecasts = context.forecasts
         await forecasts.arrival(now_s + 1800.0)
         await forecasts.probability(now_s + 1800.0)
         forecasts.close()

@@ -101,7 +101,7 @@ def test_a_query_parameter(tmp_path: Path) -> None:
                 assert answer.status_code == 422
                 assert text in answer.json()["error"]
                 assert "(got '" in answer.json()["error"]
-        service.app.api.close()
+        service.app.api.context.close()
 
     asyncio.run(ask())
 

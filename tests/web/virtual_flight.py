@@ -40,7 +40,7 @@ def site_of(world: World) -> Iterator[Site]:
             loop = asyncio.get_running_loop()
             ready.set_result(Site(world, service, f"http://{host}:{port}", loop))
             await service.app.api.streams.stopping.wait()
-        service.app.api.close()
+        service.app.api.context.close()
 
     thread = threading.Thread(target=lambda: asyncio.run(serve()))
     thread.start()

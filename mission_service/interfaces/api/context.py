@@ -15,7 +15,6 @@ from mission_service.interfaces.api.frames import Frames
 from mission_service.interfaces.api.live_stream import Streams
 from mission_service.interfaces.api.responses import ApiError, answer, json_body
 from mission_service.interfaces.maps.draped_images import ImagePictures
-from mission_service.interfaces.maps.run_forecasts import forecasts_of
 from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.run_context import RunContext
@@ -34,16 +33,12 @@ class ApiContext:
         self.wall_us = wall_us
         self.frames = Frames(context, wall_us)
         self.streams = Streams(self.frames, lambda: asyncio.get_running_loop().time())
-        self.forecasts = forecasts_of(context)
+        self.forecasts = context.forecasts
         self.tiles = TerrainTiles(context.landscape)
         self.pictures = ImagePictures(context.landscape)
         self._threads = asyncio.Semaphore(MAX_THREADS)
         self.uploads = asyncio.Semaphore(1)  # reads one perimeter at a time
         self.raster_uploads = asyncio.Semaphore(1)  # detectors do not delay perimeters
-
-    def close(self) -> None:
-        """Cancel the forecasts that are being computed."""
-        self.forecasts.close()
 
     async def run_in_thread(self, work: Callable[[], Result]) -> Result:
         """Run ``work`` in a thread; at most ``MAX_THREADS`` run at the same time."""

@@ -61,6 +61,8 @@ class Frames:
                 return context.state_view.sources()
             case "aircraft":
                 return context.state_view.aircraft()
+            case "fire_arrivals":
+                return context.arrivals
             case "burn":
                 return context.burn()
             case "airspace":

@@ -30,12 +30,9 @@ class HttpListener:
         """Serve until cancelled; the shutdown takes at most two seconds."""
         app = app_of(context, self.tokens)
         context.gauges["stream_clients"] = lambda: app.api.streams.count
-        context.gauges["forecast_seconds"] = lambda: app.api.forecasts.took_s
-        try:
-            async with serving(app.asgi, self.listening, app.api.streams.stopping, self.tls):
-                await app.api.forecasts.follow()
-        finally:
-            app.api.close()
+        context.gauges["forecast_seconds"] = lambda: context.forecasts.took_s
+        async with serving(app.asgi, self.listening, app.api.streams.stopping, self.tls):
+            await context.forecasts.follow()
 
 
 @contextlib.contextmanager

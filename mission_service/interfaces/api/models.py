@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 
+from mission_service.fire_arrival.arrival_times import FireArrival
 from mission_service.missions.mission_figures import Figures
 from mission_service.requests import Role
 from mission_service.runtime.play_head import ReplayState
@@ -89,6 +90,7 @@ class FullState(msgspec.Struct):
     airspace: AirspaceStatus | None = None
     aircraft: list[NearbyAircraft] = []
     records: list[Record] = []
+    fire_arrivals: list[FireArrival] = []
 
 
 class MissionDifference(msgspec.Struct):

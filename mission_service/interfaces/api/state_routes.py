@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 
 from mission_service.airspace.operational_intent import OperationalIntents
+from mission_service.fire_arrival.arrival_times import FireArrival
 from mission_service.interfaces import examples
 from mission_service.interfaces.api.access.auth import ROLES, User
 from mission_service.interfaces.api.context import ApiContext
@@ -60,6 +61,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
                 context.airspace(),
                 state_view.aircraft(),
                 list(state_view.records),
+                context.arrivals,
             )
         )
 
@@ -122,6 +124,17 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     )
     async def aircraft() -> Response:
         return answer(api.context.state_view.aircraft())
+
+    @routes.get(
+        f"{V1}/fire/arrivals",
+        **route(
+            "look",
+            "When the fire reaches people and values at risk, the earliest first.",
+            structs(FireArrival),
+        ),
+    )
+    async def arrivals() -> Response:
+        return answer(api.context.arrivals)
 
     @routes.post(
         f"{V1}/abort",

@@ -1,4 +1,4 @@
-"""Encodes vehicles and the fire as Cursor on Target events for TAK. Pure.
+"""Encodes vehicles, missions, the fire and alarms as Cursor on Target events for TAK. Pure.
 
 TAK stands for ATAK, WinTAK or TAK Server. The format is that of MITRE, *Cursor-on-Target Message
 Router User's Guide* (base event 2.0), and of the drawn shapes of ATAK (``u-d-f``: a closed line of
@@ -9,25 +9,28 @@ difference, up to 100 m, is not available, so ``hae`` is sent as unknown and the
 heights.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from shapely import get_parts
-from shapely.geometry import Polygon, shape
+from shapely.geometry import LineString, Point, Polygon, shape
 
-from mission_service.runtime.published_states import TelemetryState
+from mission_service.runtime.published_states import MissionState, TelemetryState
 
 # Friendly drones: fixed wing (also VTOLs), rotary wing.
 TYPES = {"plane": "a-f-A-M-F-Q", "vtol": "a-f-A-M-F-Q", "copter": "a-f-A-M-H-Q"}
-DRAWN = "u-d-f"
-MACHINE_GPS, MADE_UP = "m-g", "m-s"  # source of a position: measured; simulated or computed
+DRAWN, CHAT = "u-d-f", "b-t-f"
+# Source of a position: measured; simulated or computed; typed by a person.
+MACHINE_GPS, MADE_UP, TYPED = "m-g", "m-s", "h-g-i-g-o"
 UNKNOWN_M = "9999999.0"
 POSITION_ERROR_M = "10.0"
 MAX_CORNERS = 250  # an event must fit into one datagram
-MAX_AREAS = 20
+MAX_AREAS, MAX_FORECAST_AREAS = 20, 5
+CHAT_STALE_US = 86_400_000_000
 RED, FAINT_RED = "-65536", "1090453504"  # ARGB as a signed integer
+ORANGE, BLUE = "-29696", "-16744193"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -59,22 +62,95 @@ def fire_events(front: dict[str, Any], site: str, unix_us: int, stale_us: int) -
     The shapes omit unburned islands. Outlines with more than ``MAX_CORNERS`` corners are
     simplified.
     """
-    areas = sorted(get_parts(shape(front["geometry"])), key=lambda area: -area.area)
-    area_ha = front["properties"]["area_ha"]
+    areas = _largest_first(front)
+    remarks = f"{front['properties']['area_ha']:.1f} ha burned in {len(areas)} areas, by the model"
     for number, area in enumerate(areas[:MAX_AREAS], start=1):
-        event = _event(f"{site}.fire.{number}", DRAWN, MADE_UP, unix_us, stale_us)
-        middle = area.representative_point()
-        _point(event, middle.y, middle.x)
-        detail = ElementTree.SubElement(event, "detail")
-        for lon_deg, lat_deg in _few_corners(area):
-            ElementTree.SubElement(detail, "link", point=f"{lat_deg:.6f},{lon_deg:.6f}")
-        ElementTree.SubElement(detail, "strokeColor", value=RED)
-        ElementTree.SubElement(detail, "strokeWeight", value="3.0")
-        ElementTree.SubElement(detail, "fillColor", value=FAINT_RED)
-        ElementTree.SubElement(detail, "contact", callsign=f"Fire {number}")
-        remarks = f"{area_ha:.1f} ha burned in {len(areas)} areas, by the model"
-        ElementTree.SubElement(detail, "remarks").text = remarks
-        yield ElementTree.tostring(event)
+        line = Drawn(f"fire.{number}", f"Fire {number}", area.exterior, RED, FAINT_RED, remarks)
+        yield _drawn(line, site, unix_us, stale_us)
+
+
+def forecast_events(
+    fronts: Sequence[dict[str, Any]], site: str, unix_us: int, stale_us: int
+) -> Iterator[bytes]:
+    """Yield expected fronts (GeoJSON Features with ``in_s``) as outlines of their largest parts."""
+    for front in fronts:
+        minutes = round(front["properties"]["in_s"] / 60.0)
+        remarks = f"expected front in {minutes} min, {front['properties']['area_ha']:.1f} ha"
+        for number, area in enumerate(_largest_first(front)[:MAX_FORECAST_AREAS], start=1):
+            uid = f"forecast.{minutes}.{number}"
+            title = f"Fire in {minutes} min"
+            line = Drawn(uid, title, area.exterior, ORANGE, "", remarks)
+            yield _drawn(line, site, unix_us, stale_us)
+
+
+def mission_event(state: MissionState, site: str, unix_us: int, stale_us: int) -> bytes | None:
+    """Return the mission on board a vehicle as a line, or None for fewer than two positions."""
+    items = () if state.on_board is None else state.on_board.items
+    places = [
+        (each.lon_deg, each.lat_deg)
+        for each in items
+        if each.lon_deg is not None and each.lat_deg is not None
+    ]
+    if len(places) < 2:
+        return None
+    name = state.vehicle
+    line = Drawn(f"{name}.mission", f"{name} mission", LineString(places), BLUE, "", "on board")
+    return _drawn(line, site, unix_us, stale_us)
+
+
+def chat_event(text: str, site: str, message_id: str, unix_us: int) -> bytes:
+    """Return a chat message of the service to all chat rooms; ``message_id`` makes it unique."""
+    sender, room = f"{site}.service", "All Chat Rooms"
+    uid = f"GeoChat.{sender}.{room}.{message_id}"
+    event = _event(uid, CHAT, TYPED, unix_us, CHAT_STALE_US)
+    _point(event, 0.0, 0.0)
+    detail = ElementTree.SubElement(event, "detail")
+    about = {
+        "parent": "RootContactGroup",
+        "groupOwner": "false",
+        "messageId": message_id,
+        "chatroom": room,
+        "id": room,
+        "senderCallsign": site,
+    }
+    chat = ElementTree.SubElement(detail, "__chat", about)
+    ElementTree.SubElement(chat, "chatgrp", uid0=sender, uid1=room, id=room)
+    ElementTree.SubElement(detail, "link", uid=sender, type="a-f-G-I-U-T", relation="p-p")
+    remarks = {"source": f"BAO.F.ATAK.{sender}", "to": room, "time": zulu(unix_us)}
+    ElementTree.SubElement(detail, "remarks", remarks).text = text
+    return ElementTree.tostring(event)
+
+
+class Drawn(NamedTuple):
+    """A line or an outline (longitude, latitude) with its colours; ``fill`` may be empty."""
+
+    uid: str  # after the name of the site
+    title: str
+    line: LineString
+    colour: str
+    fill: str
+    remarks: str
+
+
+def _drawn(drawn: Drawn, site: str, unix_us: int, stale_us: int) -> bytes:
+    event = _event(f"{site}.{drawn.uid}", DRAWN, MADE_UP, unix_us, stale_us)
+    places = _few_corners(drawn.line)
+    middle = Polygon(places).representative_point() if drawn.line.is_ring else Point(places[0])
+    _point(event, middle.y, middle.x)
+    detail = ElementTree.SubElement(event, "detail")
+    for lon_deg, lat_deg in places:
+        ElementTree.SubElement(detail, "link", point=f"{lat_deg:.6f},{lon_deg:.6f}")
+    ElementTree.SubElement(detail, "strokeColor", value=drawn.colour)
+    ElementTree.SubElement(detail, "strokeWeight", value="3.0")
+    if drawn.fill:
+        ElementTree.SubElement(detail, "fillColor", value=drawn.fill)
+    ElementTree.SubElement(detail, "contact", callsign=drawn.title)
+    ElementTree.SubElement(detail, "remarks").text = drawn.remarks
+    return ElementTree.tostring(event)
+
+
+def _largest_first(front: dict[str, Any]) -> list[Polygon]:
+    return sorted(get_parts(shape(front["geometry"])), key=lambda area: -area.area)
 
 
 def _event(uid: str, kind: str, how: str, unix_us: int, stale_us: int) -> ElementTree.Element:
@@ -89,10 +165,10 @@ def _point(event: ElementTree.Element, lat_deg: float, lon_deg: float) -> None:
     ElementTree.SubElement(event, "point", position | errors)
 
 
-def _few_corners(area: Polygon) -> list[tuple[float, float]]:
-    """Return the closed outer ring, (lon, lat), simplified to at most ``MAX_CORNERS`` corners."""
-    corners, tolerance_deg = area.exterior.coords, 1e-6
+def _few_corners(line: LineString) -> list[tuple[float, float]]:
+    """Return the vertices (lon, lat) of a line, simplified to at most ``MAX_CORNERS``."""
+    corners, tolerance_deg = line.coords, 1e-6
     while len(corners) > MAX_CORNERS:
-        corners = area.exterior.simplify(tolerance_deg).coords
+        corners = line.simplify(tolerance_deg).coords
         tolerance_deg *= 2.0
     return [(x, y) for x, y, *_ in corners]

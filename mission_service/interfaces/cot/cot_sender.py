@@ -6,138 +6,41 @@ be sent. Events that arrive on the connection are processed as reports of people
 """
 
 import asyncio
-import contextlib
 import itertools
 import socket
 import ssl
 from collections.abc import Callable, Coroutine
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from mission_service.config.mqtt_names import site_of
 from mission_service.config.service_section import CotSection
-from mission_service.interfaces.cot.cot_events import fire_events, vehicle_event
-from mission_service.interfaces.cot.event_framing import MAX_EVENT_BYTES, EventFramer
-from mission_service.interfaces.cot.report_receiver import ABOUT, ReportReceiver
-from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
+from mission_service.errors import MissionServiceError
+from mission_service.interfaces.cot.alarm_chat import AlarmChat
+from mission_service.interfaces.cot.cot_events import (
+    fire_events,
+    forecast_events,
+    mission_event,
+    vehicle_event,
+)
+from mission_service.interfaces.cot.event_receiver import ABOUT, EventReceiver
+from mission_service.interfaces.cot.tak_connections import (
+    ANSWER_S,
+    CotTransport,
+    Datagrams,
+    Stream,
+)
+from mission_service.interfaces.maps.run_fronts import expected_fronts, front_now
 from mission_service.interfaces.mqtt.broker_connection import tls_of
-from mission_service.runtime.clocks import wall_us
+from mission_service.runtime.clocks import clock_us, wall_us
 
 if TYPE_CHECKING:
     from mission_service.runtime.run_context import RunContext
 
-FIRE_EVERY = 10  # the front is sent once in this many rounds
+FIRE_EVERY = 10  # front and missions are sent once in this many rounds
+FORECAST_EVERY, FORECAST_MIN = 60, (30.0, 60.0)
 ROUNDS_UNTIL_STALE = 3
-ANSWER_S = 5.0  # time limit for connecting and for sending an event
 MIN_WAIT_S, MAX_WAIT_S = 1.0, 30.0
-MAX_DATAGRAM_BYTES = 65_535
 ALARM = "cot"
-
-
-class CotTransport(Protocol):
-    """A transport for events."""
-
-    async def send(self, event: bytes) -> None:
-        """Send an event. Raises OSError or TimeoutError if sending fails."""
-
-    def close(self) -> None:
-        """Close the transport."""
-
-
-class Datagrams:
-    """A UDP transport: one event per datagram, without acknowledgement.
-
-    With a ``receiver``, the transport also receives the events of a multicast group.
-    """
-
-    def __init__(
-        self, address: tuple[Any, ...], family: int, receiver: ReportReceiver | None
-    ) -> None:
-        self._address = address
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._reading: asyncio.Task[None] | None = None
-        if receiver is not None:
-            try:
-                group = joined_group(address, family)
-            except OSError:
-                self._socket.close()
-                raise
-            self._reading = asyncio.create_task(self._read(group, receiver))
-
-    async def send(self, event: bytes) -> None:
-        """Send an event; drop it if the socket's buffer is full."""
-        if self._reading is not None and self._reading.done():
-            self._reading.result()
-        with contextlib.suppress(BlockingIOError):
-            self._socket.sendto(event, self._address)
-
-    def close(self) -> None:
-        """Close the transport."""
-        if self._reading is not None:
-            self._reading.cancel()
-        self._socket.close()
-
-    async def _read(self, group: socket.socket, receiver: ReportReceiver) -> None:
-        with group:
-            loop = asyncio.get_running_loop()
-            while True:
-                await receiver.receive(await loop.sock_recv(group, MAX_DATAGRAM_BYTES))
-
-
-def joined_group(address: tuple[Any, ...], family: int) -> socket.socket:
-    """Return a non-blocking socket for the datagrams to a multicast group. Raises OSError."""
-    group = socket.socket(family, socket.SOCK_DGRAM)
-    try:
-        group.setblocking(False)
-        group.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # for TAK clients on this host
-        group.bind(("", address[1]))
-        membership = socket.inet_pton(family, address[0]) + bytes(4)  # on the default interface
-        if family == socket.AF_INET6:
-            group.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, membership)
-        else:
-            group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
-    except OSError:
-        group.close()
-        raise
-    return group
-
-
-class Stream:
-    """A TCP or TLS connection to a TAK server; ``receiver`` processes the events of the server."""
-
-    def __init__(
-        self,
-        reader: asyncio.StreamReader,
-        writer: asyncio.StreamWriter,
-        receiver: ReportReceiver | None,
-    ) -> None:
-        self._writer = writer
-        self._reading = asyncio.create_task(self._read(reader, receiver))
-
-    async def send(self, event: bytes) -> None:
-        """Send an event; wait up to ``ANSWER_S`` for a slow server."""
-        if self._reading.done():
-            self._reading.result()
-            raise ConnectionResetError("the server has closed the connection")
-        self._writer.write(event + b"\n")
-        async with asyncio.timeout(ANSWER_S):
-            await self._writer.drain()
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._reading.cancel()
-        self._writer.close()
-
-    async def _read(self, reader: asyncio.StreamReader, receiver: ReportReceiver | None) -> None:
-        framer = EventFramer()
-        with contextlib.suppress(OSError):
-            while data := await reader.read(65_536):
-                if receiver is None:
-                    continue
-                for event in framer.receive(data):
-                    await receiver.receive(event)
-                if framer.too_long:
-                    receiver.on_unreadable(f"an event has more than {MAX_EVENT_BYTES} bytes")
 
 
 def cot_interface(
@@ -147,32 +50,35 @@ def cot_interface(
 
     Raises MissionServiceError for unusable settings.
     """
-    tls = None
-    if settings.scheme == "tls":
-        tls = tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
+    _tls(settings)
 
     async def run_interface(context: "RunContext") -> None:
-        await CotSender(context, settings, site_of(scenario_name), tls).run()
+        await CotSender(context, settings, site_of(scenario_name)).run()
 
     return run_interface
 
 
-class CotSender:
-    """The sender of one run's events, which also makes the receiver of reports."""
+def _tls(settings: CotSection) -> ssl.SSLContext | None:
+    """Return the TLS context of a connection. Raises MissionServiceError for unusable files."""
+    if settings.scheme != "tls":
+        return None
+    return tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
 
-    def __init__(
-        self, context: "RunContext", settings: CotSection, site: str, tls: ssl.SSLContext | None
-    ) -> None:
-        self._context, self._settings, self._site, self._tls = context, settings, site, tls
-        self._forecasts = forecasts_of(context)
+
+class CotSender:
+    """The sender of one run's events, which also makes the receiver of events."""
+
+    def __init__(self, context: "RunContext", settings: CotSection, site: str) -> None:
+        self._context, self._settings, self._site = context, settings, site
         self._sent: dict[str, int] = {}  # last version sent, by vehicle
-        self._receiver: ReportReceiver | None = None
-        if settings.reports is not None:
-            if context.scenario.burn_flown is None:
-                self._receiver = ReportReceiver(context, settings.reports, site)
-            else:
-                text = "reports from TAK are not used: a burn uses cameras and corrections only"
-                context.service.announce(ABOUT, text)
+        self._chat = AlarmChat(settings.chat, site)
+        self._forecast: asyncio.Task[list[dict[str, Any]]] | None = None
+        self._receiver: EventReceiver | None = None
+        if settings.reports is not None or settings.people is not None:
+            self._receiver = EventReceiver(context, settings, site)
+        if settings.reports is not None and context.scenario.burn_flown is not None:
+            text = "reports from TAK are not used: a burn uses cameras and corrections only"
+            context.service.announce(ABOUT, text)
 
     async def run(self) -> None:
         """Send until cancelled; reconnect after a failure."""
@@ -186,20 +92,26 @@ class CotSender:
                         await self._rounds(transport)
                     finally:
                         transport.close()
+                        self._chat.connection_lost(clock_us())
                         wait_s = MIN_WAIT_S
-                except (OSError, TimeoutError) as error:
+                except (OSError, TimeoutError, MissionServiceError) as error:
                     text = f"no CoT to {self._settings.url}: {str(error) or 'no response'}"
                     self._context.state_view.alarm(ALARM, text)
                     self._context.ring()
                 await asyncio.sleep(wait_s)
                 wait_s = min(2.0 * wait_s, MAX_WAIT_S)
         finally:
-            self._forecasts.close()
+            if self._forecast is not None:
+                self._forecast.cancel()
 
     async def _connect(self) -> CotTransport:
+        """Connect. Raises OSError, TimeoutError or MissionServiceError.
+
+        The certificates are read again, because they may have been replaced.
+        """
         host, port = self._settings.host, self._settings.port
         if self._settings.scheme != "udp":
-            reader, writer = await asyncio.open_connection(host, port, ssl=self._tls)
+            reader, writer = await asyncio.open_connection(host, port, ssl=_tls(self._settings))
             return Stream(reader, writer, self._receiver)
         loop = asyncio.get_running_loop()
         addresses = await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
@@ -210,9 +122,14 @@ class CotSender:
         """Send rounds of events. Raises OSError or TimeoutError when the transport fails."""
         stale_us = round(ROUNDS_UNTIL_STALE * self._settings.every_s * 1e6)
         for number in itertools.count():
+            await self._send_vehicles(transport, stale_us)
             if number % FIRE_EVERY == 0:
                 await self._send_fire(transport, FIRE_EVERY * stale_us)
-            await self._send_vehicles(transport, stale_us)
+                await self._send_missions(transport, FIRE_EVERY * stale_us)
+            await self._send_forecast(transport, number, FORECAST_EVERY * stale_us)
+            for message in self._chat.messages(self._context.state_view.alarms.values(), wall_us()):
+                await transport.send(message)
+                self._chat.mark_sent(message, clock_us())
             self._context.state_view.clear_alarm(ALARM)
             if self._receiver is not None:
                 self._receiver.handle_timer()
@@ -229,6 +146,23 @@ class CotSender:
                 await transport.send(vehicle_event(fix, kind, self._site, wall_us(), stale_us))
 
     async def _send_fire(self, transport: CotTransport, stale_us: int) -> None:
-        front = await front_now(self._context, self._forecasts)
+        front = await front_now(self._context)
         for event in fire_events(front, self._site, wall_us(), stale_us):
+            await transport.send(event)
+
+    async def _send_missions(self, transport: CotTransport, stale_us: int) -> None:
+        for mission in list(self._context.state_view.missions.values()):
+            event = mission_event(mission, self._site, wall_us(), stale_us)
+            if event is not None:
+                await transport.send(event)
+
+    async def _send_forecast(self, transport: CotTransport, number: int, stale_us: int) -> None:
+        """Begin a forecast every ``FORECAST_EVERY`` rounds; send it in the round after its end."""
+        if number % FORECAST_EVERY == 0 and self._forecast is None:
+            work = expected_fronts(self._context, FORECAST_MIN)
+            self._forecast = asyncio.create_task(work)
+        if self._forecast is None or not self._forecast.done():
+            return
+        done, self._forecast = self._forecast, None
+        for event in forecast_events(done.result(), self._site, wall_us(), stale_us):
             await transport.send(event)

@@ -121,7 +121,7 @@ def drawings_in(event: CotEvent) -> list[Drawing]:
     """
     detail = _child(event.root, "detail")
     if event.kind == CIRCLE:
-        return [Drawing("polygon", _ellipse(_place_of(event), detail))]
+        return [Drawing("polygon", _ellipse(place_of(event), detail))]
     if event.kind in LINES:
         places = _line_in(detail)
         is_closed = len(places) > 3 and places[0] == places[-1]
@@ -133,7 +133,7 @@ def drawings_in(event: CotEvent) -> list[Drawing]:
         inner = [_child(_from_xml(each.encode()), "detail") for each in strokes]
         return [Drawing("line", _line_in(each)) for each in inner]
     if event.kind.startswith(("a-", "b-m-p-")):
-        return [Drawing("points", (_place_of(event),))]
+        return [Drawing("points", (place_of(event),))]
     raise CotEventError(
         f"the type {event.kind} is not used; draw a marker, line, polygon, rectangle or circle"
     )
@@ -232,7 +232,8 @@ def _ellipse(centre: LatLon, detail: Element) -> tuple[LatLon, ...]:
     return tuple(found)
 
 
-def _place_of(event: CotEvent) -> LatLon:
+def place_of(event: CotEvent) -> LatLon:
+    """Return the position of an event. Raises CotEventError if it is not on the Earth."""
     point = _child(event.root, "point")
     return _in_degrees(point.get("lat", ""), point.get("lon", ""))
 

@@ -72,21 +72,16 @@ class _Waiting(NamedTuple):
 class ReportFilter:
     """The users and the reports of one run. All tables are bounded."""
 
-    def __init__(
-        self, settings: CotReportsSection, site: str, is_journalled: Callable[[bytes], bool]
-    ) -> None:
+    def __init__(self, settings: CotReportsSection, is_journalled: Callable[[bytes], bool]) -> None:
         """Begin without users.
 
         Args:
             settings: The accepted groups and roles, and the errors of reports.
-            site: The prefix of the uids of the service's own events, which are ignored.
             is_journalled: Returns whether the journal has a report with a digest, for example from
                 before a restart.
         """
-        self._settings, self._own = settings, f"{site}."
+        self._settings = settings
         self._is_journalled = is_journalled
-        self._groups = {name.casefold() for name in settings.groups}
-        self._roles = {name.casefold() for name in settings.roles}
         self._users: OrderedDict[str, User] = OrderedDict()
         self._seen: OrderedDict[Key, Seen] = OrderedDict()
         self._refused: OrderedDict[Key, _Refusal] = OrderedDict()
@@ -100,8 +95,6 @@ class ReportFilter:
         ``now_s`` is a monotonic clock, ``unix_us`` the wall clock. Raises CotEventError for a
         report that cannot be used.
         """
-        if event.uid.startswith(self._own):
-            return []
         reports = reports_in(event)
         if reports:
             if reports[0].creator.uid not in self._users:
@@ -176,9 +169,9 @@ class ReportFilter:
 
     def _problem(self, user: User, age_s: float) -> str:
         """Return the reason why a report of a user is not used, or ""."""
-        if user.group.casefold() not in self._groups:
+        if not self._settings.accepts_group(user.group):
             return f"its creator is in the group {user.group}, which is not in groups"
-        if user.role.casefold() not in self._roles:
+        if not self._settings.accepts_role(user.role):
             return f"its creator has the role {user.role or '(none)'}, which is not in roles"
         if age_s < -MAX_AHEAD_S:
             return f"its time is {-age_s:.0f} s in the future; check the clock of its creator"

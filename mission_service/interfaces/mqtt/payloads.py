@@ -8,6 +8,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from mission_service.fire_arrival.arrival_times import FireArrival
 from mission_service.requests import PRINTED, VISIBLE
 from mission_service.runtime.published_states import Alarm, NearbyAircraft
 
@@ -46,6 +47,13 @@ class Aircraft(msgspec.Struct, tag="nearby/1", tag_field="schema"):
 
     at_us: int
     aircraft: tuple[NearbyAircraft, ...]
+
+
+class FireArrivals(msgspec.Struct, tag="fire_arrivals/1", tag_field="schema"):
+    """When the fire reaches people and values at risk, the earliest first."""
+
+    at_us: int
+    arrivals: tuple[FireArrival, ...]
 
 
 class Command(msgspec.Struct, tag="command/1", tag_field="schema"):

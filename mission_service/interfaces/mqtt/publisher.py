@@ -19,7 +19,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from mission_service.config.service_section import MqttSection
 from mission_service.core.request_events import ABORT
-from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
+from mission_service.interfaces.maps.run_fronts import front_now
 from mission_service.interfaces.mqtt.broker_connection import (
     TAKE_S,
     client_to,
@@ -82,7 +82,6 @@ class Publisher:
         context.gauges["mqtt_sent_total"] = self.sent.total
         self._takes_commands = settings.commands
         self._outgoing = PublishSchedule(settings.telemetry_hz)
-        self._forecasts = forecasts_of(context)
         self._command_gate = CommandGate(partial(context.request_handler.ask, may_approve=False))
         self._inbox = _inbox()
         self._replies: deque[Reply] = deque(maxlen=MAX_REPLIES)
@@ -90,10 +89,7 @@ class Publisher:
 
     async def run(self) -> None:
         """Publish all topics, and handle commands, until cancelled."""
-        try:
-            await keep_connected(self._client, self._use, self._lost)
-        finally:
-            self._forecasts.close()
+        await keep_connected(self._client, self._use, self._lost)
 
     # The connection ---------------------------------------------------------------------------
 
@@ -245,7 +241,7 @@ class Publisher:
         context, loop = self._context, asyncio.get_running_loop()
         while True:
             began_s, version = loop.time(), context.state_view.fire_version
-            front = {"schema": FRONT.schema, **await front_now(context, self._forecasts)}
+            front = {"schema": FRONT.schema, **await front_now(context)}
             await self._publish(client, Publication(FRONT, msgspec.json.encode(front)))
             await asyncio.sleep(CORRECTED_EVERY_S)
             while loop.time() - began_s < FRONT_EVERY_S:

@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from mission_service.interfaces.mqtt.payloads import Aircraft, Alarms, Reply, ServiceStatus
+from mission_service.interfaces.mqtt.payloads import (
+    Aircraft,
+    Alarms,
+    FireArrivals,
+    Reply,
+    ServiceStatus,
+)
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
     AirspaceStatus,
@@ -111,6 +117,15 @@ AIRCRAFT = Topic(
     "aircraft",
     lambda context, name: Aircraft(context.state_view.at_us, tuple(context.state_view.aircraft())),
 )
+FIRE_ARRIVALS = Topic(
+    "fire/arrivals",
+    FireArrivals,
+    0,
+    False,
+    "with `[service.fire_arrival]` only: times at which the fire reaches people and values at risk",
+    "fire_arrivals",
+    lambda context, name: FireArrivals(context.state_view.at_us, tuple(context.arrivals)),
+)
 REPLAY = Topic(
     "replay",
     ReplayState,
@@ -131,6 +146,7 @@ TOPICS = (
     AIRSPACE,
     ALARM,
     AIRCRAFT,
+    FIRE_ARRIVALS,
     REPLAY,
     EVENT,
     COMMAND,

@@ -139,6 +139,7 @@ async def serve_flight(
         player = Playback(pairing, journal, head)
         stack.callback(player.close)
         context = _context_of(run, settings, player)
+        stack.callback(context.close)
         stop = asyncio.Event()
         stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:

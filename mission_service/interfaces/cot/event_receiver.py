@@ -1,4 +1,4 @@
-"""Submits the reports in received Cursor on Target events to the run.
+"""Processes received Cursor on Target events: reports about the fire, and positions of people.
 
 A report is converted to the same request as a report over HTTP or MQTT. TAK does not identify its
 users, so the request has no role and can never approve.
@@ -7,9 +7,10 @@ users, so the request has no role and can never approve.
 import asyncio
 from typing import TYPE_CHECKING
 
-from mission_service.config.service_section import CotReportsSection
+from mission_service.config.service_section import CotSection
 from mission_service.interfaces.cot.fire_reports import name_of
-from mission_service.interfaces.cot.received_events import CotEventError, parse_event
+from mission_service.interfaces.cot.people_positions import person_in
+from mission_service.interfaces.cot.received_events import CotEvent, CotEventError, parse_event
 from mission_service.interfaces.cot.report_filter import (
     RETRY_S,
     Accepted,
@@ -29,14 +30,16 @@ ALL = ""
 MAX_BAD_EVENTS = 1000
 
 
-class ReportReceiver:
+class EventReceiver:
     """The receiver of one run, which is kept when a connection is lost."""
 
-    def __init__(self, context: "RunContext", settings: CotReportsSection, site: str) -> None:
+    def __init__(self, context: "RunContext", settings: CotSection, site: str) -> None:
         self._context = context
-        self._filter = ReportFilter(
-            settings, site, lambda digest: context.state_view.statistics.sources.has_report(digest)
-        )
+        self._settings, self._own = settings, f"{site}."
+        self._filter: ReportFilter | None = None
+        if settings.reports is not None and context.scenario.burn_flown is None:
+            has_report = context.state_view.statistics.sources.has_report
+            self._filter = ReportFilter(settings.reports, lambda digest: has_report(digest))
         self._events = RateLimiter(EVENTS_A_SECOND, EVENTS_AT_ONCE)
         self._lines = RateLimiter(LINES_A_SECOND, LINES_AT_ONCE)
         self._suppressed = 0
@@ -48,19 +51,28 @@ class ReportReceiver:
         await asyncio.sleep(wait_s)  # other tasks run between two events
         if wait_s:
             self._events.consume(ALL, clock_us() / 1e6)
-        now_s = clock_us() / 1e6
         try:
             event = parse_event(data)
-            verdicts = [] if event is None else self._filter.receive(event, now_s, wall_us())
+            if event is not None and not event.uid.startswith(self._own):
+                self._process(event)
         except CotEventError as error:
             self.on_unreadable(str(error))
-            return
-        self._handle(verdicts, now_s)
+
+    def _process(self, event: CotEvent) -> None:
+        """Process an event of another sender. Raises CotEventError for one that is not usable."""
+        if self._settings.people is not None:
+            person = person_in(event, self._settings.people, wall_us())
+            if person is not None:
+                self._context.people.update_position(person)
+        if self._filter is not None:
+            now_s = clock_us() / 1e6
+            self._handle(self._filter.receive(event, now_s, wall_us()), now_s)
 
     def handle_timer(self) -> None:
         """Refuse reports that have waited too long; called regularly."""
-        now_s = clock_us() / 1e6
-        self._handle(self._filter.handle_timer(now_s), now_s)
+        if self._filter is not None:
+            now_s = clock_us() / 1e6
+            self._handle(self._filter.handle_timer(now_s), now_s)
 
     def on_unreadable(self, text: str) -> None:
         """Announce why an event is not used, once for each different text before the colon."""
@@ -78,6 +90,7 @@ class ReportReceiver:
 
     def _submit(self, accepted: Accepted, now_s: float) -> None:
         """Submit a request; the run makes further announcements about the resulting event."""
+        assert self._filter is not None
         answer = self._context.request_handler.ask(accepted.request, may_approve=False)
         if answer["ok"]:
             self._filter.add_accepted(accepted.report)

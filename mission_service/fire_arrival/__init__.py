@@ -1,0 +1,1 @@
+"""The time until the fire reaches people, roads and structures, and the alarms about it. Pure."""

@@ -1,0 +1,75 @@
+"""Computes when the fire reaches people and values at risk, and raises alarms about it."""
+
+import asyncio
+from collections.abc import Sequence
+from datetime import UTC
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.time_zone import time_zone_of
+from mission_service.config.service_section import FireArrivalSection
+from mission_service.fire.forecast import LONGEST_S
+from mission_service.fire_arrival.arrival_times import (
+    SHARES,
+    ArrivalAlarm,
+    ArrivalAlarms,
+    FireArrival,
+    fire_arrivals,
+)
+from mission_service.fire_arrival.places import Place, person_places, values_in
+from mission_service.runtime.clocks import wall_us
+from mission_service.runtime.run_context import RunContext
+from mission_service.runtime.state_view import StateView
+
+ALARM = "fire_arrival"
+
+
+def values_of(section: FireArrivalSection, landscape: Landscape) -> list[Place]:
+    """Return the values at risk in the files of a section. Raises ScenarioError."""
+    files = section.values
+    return [each for path in files for each in values_in(path, landscape, section.distance_m)]
+
+
+async def watch_fire_arrival(
+    context: RunContext, section: FireArrivalSection, values: Sequence[Place]
+) -> None:
+    """Compute the arrivals regularly until cancelled, and show them and their alarms."""
+    zone = time_zone_of(context.landscape) or UTC
+    alarms = ArrivalAlarms(60.0 * section.warn_min, 60.0 * section.severe_min, zone)
+    view = context.state_view
+    while True:
+        try:
+            arrivals = await _arrivals(context, section, values)
+            context.arrivals = arrivals
+            _show(view, alarms.present(arrivals))
+        except FireModelError as error:
+            view.alarm(ALARM, f"no times of the fire's arrival: {error}")
+        context.ring()
+        await asyncio.sleep(section.every_s)
+
+
+async def _arrivals(
+    context: RunContext, section: FireArrivalSection, values: Sequence[Place]
+) -> list[FireArrival]:
+    """Return the present arrivals at people and values. Raises FireModelError."""
+    unix_us, now_us = wall_us(), context.clock.now_us
+    people = context.people.current(unix_us)
+    land, distance_m = context.landscape, section.distance_m
+    near = await asyncio.to_thread(person_places, people, land, distance_m)
+    places = [*near, *values]
+    if not places:
+        return []
+    cells = [each.cells for each in places]
+    until_s, times_s = await context.forecasts.arrival_quantiles_s(cells, SHARES, LONGEST_S)
+    return fire_arrivals(places, times_s, (now_us, unix_us), round(until_s * 1e6))
+
+
+def _show(view: StateView, alarms: dict[str, ArrivalAlarm]) -> None:
+    """Raise the present alarms, clear the others, and mark the arrivals as changed."""
+    raised = {f"{ALARM}/{key}": alarm for key, alarm in alarms.items()}
+    for key in [key for key in view.alarms if key.partition("/")[0] == ALARM]:
+        if key not in raised:
+            view.clear_alarm(key)
+    for key, alarm in raised.items():
+        view.alarm(key, alarm.text, alarm.severity)
+    view.arrivals_changed()
