@@ -236,19 +236,34 @@ def _further(burned: Mask, place: Floats, distance_m: float) -> Floats:
 def run(seed: int, members: int, pool: ThreadPoolExecutor) -> tuple[Floats, list[float]]:
     """Return the scores (times, lengths, scores) of a fire, and the CRPS of its forecasts in s."""
     truth = twin(seed)
+    model = model_alone(truth, EVALUATED_S[-1] + AHEAD_S[-1])
+    rows, scores_s = [], []
+    for estimate, seen in observed(truth, seed, members, pool):
+        rows.append(_evaluated(truth, estimate, model, seen, pool))
+        scores_s.append(_crps_s(truth, estimate, pool))
+    return np.array(rows), scores_s
+
+
+def model_alone(truth: Twin, until_s: float) -> AnyAngleFire:
+    """Return the fire that the estimate's model predicts without observations."""
+    fire = AnyAngleFire(truth.landscape, truth.weather, [(*truth.ignition, 0.0)])
+    fire.advance(until_s)
+    return fire
+
+
+def observed(
+    truth: Twin, seed: int, members: int, pool: ThreadPoolExecutor
+) -> Iterator[tuple[FireEstimate, Mask]]:
+    """Yield the estimate at each time of evaluation, and the area that was seen burned (y, x)."""
     rng = np.random.default_rng((99, seed))
-    row, col = truth.ignition
     estimate = FireEstimate(
         truth.landscape,
         truth.weather,
-        [(row, col, 0.0)],
+        [(*truth.ignition, 0.0)],
         EstimateSettings(members, seed, WRONG),
     )
-    model = AnyAngleFire(truth.landscape, truth.weather, [(row, col, 0.0)])
-    model.advance(EVALUATED_S[-1] + AHEAD_S[-1])
     place, at_s = np.array(truth.ignition, dtype=float), FIRST_VIEW_S
     seen = np.zeros(truth.landscape.shape, dtype=bool)
-    rows, scores_s = [], []
     estimate.advance(at_s, pool.map)
     while at_s < EVALUATED_S[-1]:
         images = list(views(truth.arrival_s, rng, at_s, at_s + BATCH_S, place))
@@ -258,9 +273,7 @@ def run(seed: int, members: int, pool: ThreadPoolExecutor) -> tuple[Floats, list
             estimate.assimilate(image, pool.map)
             seen[image.where] |= despeckled(image) == BURNED
         if at_s in EVALUATED_S:
-            rows.append(_evaluated(truth, estimate, model, binary_fill_holes(seen), pool))
-            scores_s.append(_crps_s(truth, estimate, pool))
-    return np.array(rows), scores_s
+            yield estimate, binary_fill_holes(seen)
 
 
 def _evaluated(

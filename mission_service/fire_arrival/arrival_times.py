@@ -25,12 +25,12 @@ class FireArrival(msgspec.Struct, tag="fire_arrival/1", tag_field="schema"):
 
     The fire arrives before ``early_at_us``, ``median_at_us`` and ``late_at_us`` (mission time) with
     a probability of 10, 50 and 90 %; None: not until ``until_us``. A time in the past means that
-    the fire is there. ``at_unix_us`` is the wall clock at ``at_us``, ``position_unix_us`` the time
-    of a person's position.
+    the fire is there. ``at_unix_us`` is the wall clock at ``at_us``, None if mission time does not
+    pass as real time; ``position_unix_us`` is the time of a person's position.
     """
 
     at_us: int
-    at_unix_us: int
+    at_unix_us: int | None
     key: str
     name: str
     kind: Kind
@@ -44,14 +44,15 @@ class FireArrival(msgspec.Struct, tag="fire_arrival/1", tag_field="schema"):
 
 
 def fire_arrivals(
-    places: Sequence[Place], times_s: NDArray[np.float64], at: tuple[int, int], until_us: int
+    places: Sequence[Place], times_s: NDArray[np.float64], at: tuple[int, int | None], until_us: int
 ) -> list[FireArrival]:
     """Return the arrivals at places, the earliest first.
 
     Args:
         places: n places.
         times_s: Times (3, n) of the probabilities ``SHARES``, infinity for none.
-        at: The present mission time, and the wall clock (microseconds since 1970).
+        at: The present mission time, and the wall clock (microseconds since 1970), None if mission
+            time does not pass as real time.
         until_us: The end of the forecast in mission time.
     """
     found = []
@@ -151,6 +152,8 @@ def arrival_text(arrival: FireArrival, zone: tzinfo) -> str:
 
 
 def _clock(at_us: int, arrival: FireArrival, zone: tzinfo) -> str:
-    """Return a mission time as a local time, such as "14:35 PDT"."""
+    """Return a mission time as a local time ("14:35 PDT"), or as mission time ("time 1:13")."""
+    if arrival.at_unix_us is None:
+        return f"time {at_us // 3_600_000_000}:{at_us // 60_000_000 % 60:02d}"
     after = timedelta(microseconds=arrival.at_unix_us + at_us - arrival.at_us)
     return f"{(EPOCH + after).astimezone(zone):%H:%M %Z}"

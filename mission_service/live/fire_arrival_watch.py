@@ -22,6 +22,8 @@ from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.state_view import StateView
 
 ALARM = "fire_arrival"
+COMPARED_S = 3.0  # the first comparison of mission time and wall clock takes this long
+REAL_TIME_SHARE = 0.2
 
 
 def values_of(section: FireArrivalSection, landscape: Landscape) -> list[Place]:
@@ -36,10 +38,11 @@ async def watch_fire_arrival(
     """Compute the arrivals regularly until cancelled, and show them and their alarms."""
     zone = time_zone_of(context.landscape) or UTC
     alarms = ArrivalAlarms(60.0 * section.warn_min, 60.0 * section.severe_min, zone)
-    view = context.state_view
+    view, clocks = context.state_view, ClockComparison(context.clock.now_us, wall_us())
+    await asyncio.sleep(COMPARED_S)
     while True:
         try:
-            arrivals = await _arrivals(context, section, values)
+            arrivals = await _arrivals(context, section, values, clocks)
             context.arrivals = arrivals
             _show(view, alarms.present(arrivals))
         except FireModelError as error:
@@ -49,7 +52,10 @@ async def watch_fire_arrival(
 
 
 async def _arrivals(
-    context: RunContext, section: FireArrivalSection, values: Sequence[Place]
+    context: RunContext,
+    section: FireArrivalSection,
+    values: Sequence[Place],
+    clocks: "ClockComparison",
 ) -> list[FireArrival]:
     """Return the present arrivals at people and values. Raises FireModelError."""
     unix_us, now_us = wall_us(), context.clock.now_us
@@ -61,7 +67,21 @@ async def _arrivals(
         return []
     cells = [each.cells for each in places]
     until_s, times_s = await context.forecasts.arrival_quantiles_s(cells, SHARES, LONGEST_S)
-    return fire_arrivals(places, times_s, (now_us, unix_us), round(until_s * 1e6))
+    at = (now_us, unix_us if clocks.is_real_time(now_us, unix_us) else None)
+    return fire_arrivals(places, times_s, at, round(until_s * 1e6))
+
+
+class ClockComparison:
+    """Compares mission time with the wall clock since the begin of the watch."""
+
+    def __init__(self, now_us: int, unix_us: int) -> None:
+        """Begin at a mission time and a time of the wall clock."""
+        self._began_us, self._began_unix_us = now_us, unix_us
+
+    def is_real_time(self, now_us: int, unix_us: int) -> bool:
+        """Return whether mission time passes as real time; simulated flights may be faster."""
+        rate = (now_us - self._began_us) / max(unix_us - self._began_unix_us, 1)
+        return abs(rate - 1.0) < REAL_TIME_SHARE
 
 
 def _show(view: StateView, alarms: dict[str, ArrivalAlarm]) -> None:

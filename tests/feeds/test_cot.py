@@ -1,9 +1,12 @@
 """Cursor on Target: the contents of events, and their transmission by each transport."""
 
 import asyncio
+import contextlib
 import re
+import shutil
 import socket
 import ssl
+import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -164,6 +167,55 @@ def test_tls_accepts_only_the_configured_authority(tmp_path: Path) -> None:
                 await until(lambda: got.startswith(b"<event"))
 
     asyncio.run(look())
+
+
+def test_a_refused_certificate_is_reported_and_replaced_without_a_restart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cot_sender, "MIN_WAIT_S", 0.1)
+    monkeypatch.setattr(cot_sender, "MAX_WAIT_S", 0.2)
+    make_certificates(tmp_path)
+    server_tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=tmp_path / "ca.pem")
+    server_tls.verify_mode = ssl.CERT_REQUIRED
+    server_tls.load_cert_chain(tmp_path / "broker.pem", tmp_path / "broker.key")
+    own = {"tls_certificate": tmp_path / "own.pem", "tls_key": tmp_path / "own.key"}
+    got = bytearray()
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def install(name: str) -> None:
+        for end in ("pem", "key"):
+            shutil.copy(tmp_path / f"{name}.{end}", tmp_path / f"own.{end}")
+
+    def serve() -> None:
+        """Serve until the listener is closed; asyncio's server would not send TLS alerts."""
+        with contextlib.suppress(OSError):
+            while True:
+                client, _ = listener.accept()
+                with contextlib.suppress(OSError):
+                    with server_tls.wrap_socket(client, server_side=True) as connection:
+                        while data := connection.recv(65_536):
+                            got.extend(data)
+
+    async def look() -> None:
+        install("other-ca")  # signed by an authority that the server does not trust
+        url = f"tls://127.0.0.1:{listener.getsockname()[1]}"
+        async with sending(url, tls_ca=tmp_path / "ca.pem", **own) as context:
+            alarms = context.state_view.alarms
+            await until(lambda: "unknown ca" in str(alarms.get("cot")).lower())
+            assert not got
+            (tmp_path / "own.pem").write_text("damaged", encoding="utf-8")
+            await until(lambda: "no certificate and key" in str(alarms.get("cot")))
+            install("client")
+            await until(lambda: got.startswith(b"<event") and "cot" not in alarms)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        asyncio.run(look())
+    finally:
+        listener.shutdown(socket.SHUT_RDWR)
+        listener.close()
+        thread.join(PATIENCE_S)
 
 
 @pytest.mark.parametrize(

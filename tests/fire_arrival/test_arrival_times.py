@@ -2,6 +2,7 @@
 
 from datetime import UTC
 
+import msgspec
 import numpy as np
 
 from mission_service.fire_arrival.arrival_times import (
@@ -48,6 +49,11 @@ def test_texts_state_local_times() -> None:
     assert arrival_text(arrival(12.0), UTC) == "Road: fire possible from 23:45 UTC"
     assert arrival_text(arrival(-1.0), UTC) == "Road: the fire may be there now"
     assert arrival_text(arrival(None), UTC) == "Road: no fire expected until 05:33 UTC"
+
+
+def test_texts_state_mission_times_if_they_do_not_pass_as_real_time() -> None:
+    found = msgspec.structs.replace(arrival(12.0, 25.0), at_unix_us=None)
+    assert arrival_text(found, UTC) == "Road: fire possible from time 1:52, expected at time 2:05"
 
 
 def alarms_after(*minutes: float | None) -> list[tuple[str, str] | None]:

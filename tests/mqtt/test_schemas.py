@@ -14,6 +14,7 @@ from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from benchmarks.mqtt_schemas import FOLDER, command_file, documents, file_of, page, texts
 from mission_service.core.request_events import REPLAY, RequestScope, event_of
 from mission_service.events import AircraftReported, AircraftState
+from mission_service.interfaces.examples import FIRE_ARRIVAL
 from mission_service.interfaces.examples import REPLAY as REPLAY_STATE
 from mission_service.interfaces.mqtt.command_gate import TAKEN, CommandGate
 from mission_service.interfaces.mqtt.topics import COMMAND, TOPICS
@@ -125,6 +126,8 @@ def test_what_is_really_sent_fits_and_has_a_topic_of_the_list(tmp_path: Path) ->
             reported = AircraftReported(1_000_000, stage.name, (other,))
             stage.context.state_view.apply(reported, [])
             stage.context.state_view.alarm("x", "wrong")
+            stage.context.arrivals = [FIRE_ARRIVAL]
+            stage.context.state_view.arrivals_changed()
             stage.context.ring()
             await listener.publish("cmd/hold", b"{}")
             paths = [topic.path.format(stage.name) for topic in TOPICS if topic.path[0] != "c"]
