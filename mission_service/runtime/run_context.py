@@ -136,8 +136,10 @@ class RunContext:
         return Forecasts(lambda: self.estimate, lambda: self.state_view.fire_version)
 
     def close(self) -> None:
-        """Cancel the forecasts that are being computed."""
-        self.forecasts.close()
+        """Cancel the forecasts that are being computed; a later use begins new ones."""
+        forecasts = self.__dict__.pop("forecasts", None)  # the value of the cached property
+        if forecasts is not None:
+            forecasts.close()
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":

@@ -191,10 +191,12 @@ def test_a_refused_certificate_is_reported_and_replaced_without_a_restart(
         with contextlib.suppress(OSError):
             while True:
                 client, _ = listener.accept()
-                with contextlib.suppress(OSError):
-                    with server_tls.wrap_socket(client, server_side=True) as connection:
-                        while data := connection.recv(65_536):
-                            got.extend(data)
+                with (
+                    contextlib.suppress(OSError),
+                    server_tls.wrap_socket(client, server_side=True) as connection,
+                ):
+                    while data := connection.recv(65_536):
+                        got.extend(data)
 
     async def look() -> None:
         install("other-ca")  # signed by an authority that the server does not trust

@@ -33,7 +33,6 @@ class ApiContext:
         self.wall_us = wall_us
         self.frames = Frames(context, wall_us)
         self.streams = Streams(self.frames, lambda: asyncio.get_running_loop().time())
-        self.forecasts = context.forecasts
         self.tiles = TerrainTiles(context.landscape)
         self.pictures = ImagePictures(context.landscape)
         self._threads = asyncio.Semaphore(MAX_THREADS)

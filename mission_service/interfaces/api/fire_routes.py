@@ -73,7 +73,7 @@ def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
     )
     async def front(given_s: Time) -> Response:
         when_s = now_s() if given_s is None else given_s
-        found = await api.forecasts.arrival(when_s)
+        found = await api.context.forecasts.arrival(when_s)
         shape, start = fronts.front_geojson, found.start_area
         return await _shape(api, shape, found.arrival_s, land, when_s, now_s(), start_area=start)
 
@@ -85,7 +85,7 @@ def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
         in_min: Annotated[list[Minutes], Query(max_length=12)] = [30.0, 60.0],  # noqa: B006
     ) -> Response:
         times_s = [now_s() + 60.0 * each for each in in_min]
-        found = await api.forecasts.arrival(max(times_s, default=now_s()))
+        found = await api.context.forecasts.arrival(max(times_s, default=now_s()))
         shape, start = fronts.contours_geojson, found.start_area
         return await _shape(api, shape, found.arrival_s, land, times_s, now_s(), start_area=start)
 
@@ -99,7 +99,7 @@ def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
     )
     async def uncertainty(given_s: Time) -> Response:
         at_s = now_s() + FAR_S if given_s is None else given_s
-        probability = await api.forecasts.probability(at_s)
+        probability = await api.context.forecasts.probability(at_s)
         return await _shape(api, fronts.probability_geojson, probability, land, at_s, now_s())
 
     @routes.get(
@@ -108,7 +108,7 @@ def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
     )
     async def perimeters(given_s: Time) -> Response:
         when_s = now_s() if given_s is None else given_s
-        found = await api.forecasts.arrival(when_s)
+        found = await api.context.forecasts.arrival(when_s)
         scenario = api.context.scenario
         return await _shape(
             api,
@@ -137,7 +137,7 @@ def _add_images(routes: APIRouter, api: ApiContext) -> None:
     async def until(until_s: float | None) -> Any:
         now_s = api.context.clock.now_us / 1e6
         when_s = now_s + FAR_S if until_s is None else until_s
-        return when_s, await api.forecasts.arrival(when_s)
+        return when_s, await api.context.forecasts.arrival(when_s)
 
     @routes.get(
         f"{V1}/fire/arrival.png",
