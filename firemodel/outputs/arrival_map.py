@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
-from firemodel.outputs.front_files import M2_PER_ACRE
+from firemodel.outputs.event_polygon import M2_PER_ACRE
 from firemodel.outputs.graticule import Frame, draw_graticule, draw_north
 from firemodel.outputs.layer_legends import (
     Layer,
@@ -124,13 +124,29 @@ def start_map(
     the map.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.colors import LightSource
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 9.2), dpi=120)
     FigureCanvasAgg(figure)
     figure.set_layout_engine("compressed", w_pad=0.12, h_pad=0.12)
     axes = figure.add_subplot()
+    fuel = draw_ground(axes, land, frame)
+    parts = draw_classes(axes, land, arrival_s, frame, isochrones=isochrones, layer=layer)
+    axes.set_xlabel(NOTE.format(crs=land.crs if len(land.crs) < 20 else "Grid"), fontsize=9)
+    draw_graticule(axes, land, frame)
+    draw_north(axes, land)
+    draw_scale(axes, frame)
+    _draw_legend(axes, {**parts, "Fuel": fuel})
+    return figure, axes
+
+
+def draw_ground(axes: Any, land: Landscape, frame: Frame) -> list[tuple[str, str]]:
+    """Draw hillshade and fuel within a frame; return the colours and names of the fuels.
+
+    ``axes`` are in km from the landscape's south-west corner.
+    """
+    from matplotlib.colors import LightSource
+
     window, extent = _window(land, frame)
     north, east = 2.0 * land.gradient[:, window[0], window[1]]  # slopes are exaggerated
     normals = np.dstack([-east, -north, np.ones(north.shape)])
@@ -140,24 +156,30 @@ def start_map(
     codes = land.fuel_model[window]
     fuel = _coloured(codes, fuel_layer(codes), FUEL_ALPHA)
     axes.imshow(fuel, extent=extent, interpolation="nearest")
-    parts = {}
-    times_s = np.ma.masked_invalid(np.where(np.isfinite(arrival_s), arrival_s, np.nan))[window]
-    if times_s.count():
-        layer = layer or arrival_layer(float(times_s.min()), float(times_s.max()), None)
-        fire = _coloured(times_s.filled(np.nan), layer, FIRE_ALPHA)
-        axes.imshow(fire, extent=extent, interpolation="nearest")
-        parts["Arrival of fire"] = [(each.colour, each.label) for each in layer.classes]
-        if isochrones:
-            _draw_isochrones(axes, times_s / 3600.0, extent)
     groups = [group for group in fuel_groups(codes) if np.isin(codes, group.codes).any()]
-    present = [(group.colour, group.name) for group in groups]
-    parts["Fuel"] = [*present, *_unburnable(codes)]
-    axes.set_xlabel(NOTE.format(crs=land.crs if len(land.crs) < 20 else "Grid"), fontsize=9)
-    draw_graticule(axes, land, frame)
-    draw_north(axes, land)
-    _draw_scale(axes, frame)
-    _draw_legend(axes, parts)
-    return figure, axes
+    return [*((group.colour, group.name) for group in groups), *_unburnable(codes)]
+
+
+def draw_classes(
+    axes: Any,
+    land: Landscape,
+    arrival_s: Floats,
+    frame: Frame,
+    *,
+    isochrones: bool = False,
+    layer: Layer | None = None,
+) -> dict[str, list[tuple[str, str]]]:
+    """Draw arrival times in the colours of their classes; return the part of the legend."""
+    window, extent = _window(land, frame)
+    times_s = np.ma.masked_invalid(np.where(np.isfinite(arrival_s), arrival_s, np.nan))[window]
+    if not times_s.count():
+        return {}
+    layer = layer or arrival_layer(float(times_s.min()), float(times_s.max()), None)
+    fire = _coloured(times_s.filled(np.nan), layer, FIRE_ALPHA)
+    axes.imshow(fire, extent=extent, interpolation="nearest")
+    if isochrones:
+        _draw_isochrones(axes, times_s / 3600.0, extent)
+    return {"Arrival of fire": [(each.colour, each.label) for each in layer.classes]}
 
 
 def _coloured(values: NDArray[Any], layer: Layer, alpha: float) -> NDArray[np.uint8]:
@@ -246,7 +268,8 @@ def _draw_isochrones(axes: Any, hours: Any, extent: Frame) -> None:
         label.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
 
 
-def _draw_scale(axes: Any, frame: Frame) -> None:
+def draw_scale(axes: Any, frame: Frame) -> None:
+    """Draw a scale bar in the lower left corner of axes in km."""
     width = frame[1] - frame[0]
     length = _round_step(width, 4)
     x, y = frame[0] + 0.05 * width, frame[2] + 0.05 * (frame[3] - frame[2])

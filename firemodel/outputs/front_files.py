@@ -11,13 +11,18 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
+from firemodel.outputs.event_polygon import (
+    MAP_METHOD,
+    STATUS,
+    feature_category,
+    geodesic_acres,
+)
 from firemodel.outputs.fronts_kml import fronts_kml
 from firemodel.outputs.layer_legends import after_zero, arrival_layer_of
 from firemodel.outputs.qgis_style_files import fronts_qml
 from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.fire_scheme import Fire
 
-M2_PER_ACRE = 4046.8564224
 MIN_DEG, DECIMALS = 1e-7, 7  # about a centimetre
 
 
@@ -80,19 +85,19 @@ def fronts_geojson(
     features = []
     for time_s in times_s:
         area = fire.front(time_s)
+        geometry = area_geometry(area, fire.landscape)
         properties = {
             "IncidentName": name,
-            "FeatureCategory": "Wildfire Daily Fire Perimeter",
-            "MapMethod": "Modeled",
-            "FeatureStatus": "Proposed",
-            "GISAcres": round(area.area / M2_PER_ACRE, 2),
+            "FeatureCategory": feature_category(prescribed=False),
+            "MapMethod": MAP_METHOD,
+            "FeatureStatus": STATUS,
+            "GISAcres": round(geodesic_acres(geometry), 2),
             "area_ha": round(area.area / 1e4, 2),
             "time_s": time_s,
             "time_s_origin": after_zero(time_zero),
         }
         if time_zero is not None:
             properties["PolygonDateTime"] = round((time_zero.timestamp() + time_s) * 1000)
-        geometry = area_geometry(area, fire.landscape)
         features.append({"type": "Feature", "properties": properties, "geometry": geometry})
     return {"type": "FeatureCollection", "features": features}
 

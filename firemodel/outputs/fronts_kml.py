@@ -26,24 +26,49 @@ def fronts_kml(collection: dict[str, Any], name: str, layer: Layer, zero: dateti
     Returns:
         The text of a .kml file.
     """
-    root = Element("kml", {"xmlns": "http://www.opengis.net/kml/2.2"})
-    document = SubElement(root, "Document")
-    _add(document, "name", name)
-    _add(document, "description", f"{NOTE} Times are {after_zero(zero)}.")
-    for number, each in enumerate(layer.classes):
-        style = SubElement(document, "Style", {"id": f"class{number}"})
-        line, fill = SubElement(style, "LineStyle"), SubElement(style, "PolyStyle")
-        opaque = "".join(
-            f"{part:02x}" for part in reversed(each.rgb)
-        )  # KML: alpha, blue, green, red
-        _add(line, "color", f"ff{opaque}")
-        _add(line, "width", "2")
-        _add(fill, "color", f"66{opaque}")
+    root, document = kml_document(name, f"{NOTE} Times are {after_zero(zero)}.")
+    add_class_styles(document, layer)
     features = collection["features"]
     for feature, following in pairwise([*features, None]):
         _add_placemark(document, feature, following, layer, zero)
+    return kml_text(root)
+
+
+def kml_document(name: str, description: str) -> tuple[Element, Element]:
+    """Return the root of a KML file, and its document with a name and a description."""
+    root = Element("kml", {"xmlns": "http://www.opengis.net/kml/2.2"})
+    document = SubElement(root, "Document")
+    add_text(document, "name", name)
+    add_text(document, "description", description)
+    return root, document
+
+
+def kml_text(root: Element) -> str:
+    """Return the text of a .kml file."""
     indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
+
+
+def add_class_styles(document: Element, layer: Layer) -> None:
+    """Add the styles ``class0``, ``class1``, ... with the colours of a layer's classes."""
+    for number, each in enumerate(layer.classes):
+        colour = kml_colour(each.colour)
+        add_style(document, f"class{number}", line=(f"ff{colour}", "2"), fill=f"66{colour}")
+
+
+def add_style(document: Element, name: str, line: tuple[str, str], fill: str) -> Element:
+    """Add a style with a line (colour as aabbggrr, width in pixels) and a fill; return it."""
+    style = SubElement(document, "Style", {"id": name})
+    of_line, of_fill = SubElement(style, "LineStyle"), SubElement(style, "PolyStyle")
+    add_text(of_line, "color", line[0])
+    add_text(of_line, "width", line[1])
+    add_text(of_fill, "color", fill)
+    return style
+
+
+def kml_colour(colour: str) -> str:
+    """Convert #rrggbb to the bbggrr of KML."""
+    return colour[5:7] + colour[3:5] + colour[1:3]
 
 
 def _add_placemark(
@@ -59,22 +84,38 @@ def _add_placemark(
     after = f"{time_s / 3600.0:.4g} h"
     at = after if zero is None else f"{zero + timedelta(seconds=time_s):%Y-%m-%d %H:%M} ({after})"
     area = f"{properties['area_ha']:,.1f} ha ({properties['GISAcres']:,.1f} acres)"
-    _add(placemark, "name", f"{at}: {area}")
+    add_text(placemark, "name", f"{at}: {area}")
     if zero is not None:
-        span = SubElement(placemark, "TimeSpan")
-        _add(span, "begin", _instant(zero, time_s))
-        if following is not None:
-            _add(span, "end", _instant(zero, following["properties"]["time_s"]))
-    _add(placemark, "styleUrl", f"#class{class_of(layer, time_s)}")
+        end_s = None if following is None else following["properties"]["time_s"]
+        add_span(placemark, zero, time_s, end_s)
+    add_text(placemark, "styleUrl", f"#class{class_of(layer, time_s)}")
+    add_data(placemark, properties)
+    add_polygons(placemark, feature["geometry"])
+
+
+def add_span(placemark: Element, zero: datetime, begin_s: float, end_s: float | None) -> None:
+    """Add a TimeSpan in seconds after the calendar time ``zero``; an end of None is open."""
+    span = SubElement(placemark, "TimeSpan")
+    add_text(span, "begin", _instant(zero, begin_s))
+    if end_s is not None:
+        add_text(span, "end", _instant(zero, end_s))
+
+
+def add_data(placemark: Element, properties: dict[str, Any]) -> None:
+    """Add the properties of a feature, which viewers show as a table."""
     data = SubElement(placemark, "ExtendedData")
     for key, value in properties.items():
-        _add(SubElement(data, "Data", {"name": key}), "value", str(value))
+        add_text(SubElement(data, "Data", {"name": key}), "value", str(value))
+
+
+def add_polygons(placemark: Element, geometry: dict[str, Any]) -> None:
+    """Add a GeoJSON MultiPolygon."""
     shapes = SubElement(placemark, "MultiGeometry")
-    for rings in feature["geometry"]["coordinates"]:
+    for rings in geometry["coordinates"]:
         polygon = SubElement(shapes, "Polygon")
         for side, ring in zip(_sides(), rings, strict=False):
             edge = SubElement(SubElement(polygon, side), "LinearRing")
-            _add(edge, "coordinates", " ".join(f"{lon!r},{lat!r}" for lon, lat in ring))
+            add_text(edge, "coordinates", " ".join(f"{lon!r},{lat!r}" for lon, lat in ring))
 
 
 def _sides() -> Iterator[str]:
@@ -87,6 +128,6 @@ def _instant(zero: datetime, time_s: float) -> str:
     return (zero + timedelta(seconds=time_s)).isoformat(timespec="seconds")
 
 
-def _add(parent: Element, tag: str, text: str) -> None:
+def add_text(parent: Element, tag: str, text: str) -> None:
     """Add an element with a text, without the characters that XML does not allow."""
     SubElement(parent, tag).text = "".join(each for each in text if each.isprintable())

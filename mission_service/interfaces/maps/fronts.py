@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.outputs.front_files import M2_PER_ACRE, area_geometry
+from firemodel.outputs.event_polygon import M2_PER_ACRE
+from firemodel.outputs.front_files import area_geometry
 from firemodel.spread.fire_scheme import StartArea, with_start
 from firemodel.spread.front import front_polygons
 

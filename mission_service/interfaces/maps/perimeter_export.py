@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.outputs.front_files import M2_PER_ACRE, area_geometry
+from firemodel.outputs.event_polygon import event_polygon, feature_category, geodesic_acres
+from firemodel.outputs.front_files import area_geometry
 from firemodel.spread.fire_scheme import StartArea
 from mission_service.interfaces.maps.fronts import burned_area
-
-SOURCE = "mission-service"
-STATUS = "Proposed"  # "Approved" requires a person's decision
 
 Floats = NDArray[np.float64]
 
@@ -42,23 +40,18 @@ def perimeter_geojson(
     """
     area = burned_area(arrival_s, landscape, at_s, start_area)
     at_unix_ms = None if time_zero is None else round((time_zero.timestamp() + at_s) * 1000)
+    geometry = area_geometry(area, landscape)
     properties = {
-        "IncidentName": name,
-        "FeatureCategory": "Prescribed Fire" if prescribed else "Wildfire Daily Fire Perimeter",
-        "MapMethod": "Modeled",
-        "GISAcres": round(area.area / M2_PER_ACRE, 2),
-        "CreateDate": written_unix_ms,
-        "DateCurrent": written_unix_ms,
-        "PolygonDateTime": at_unix_ms,
-        "IRWINID": None,
-        "Source": SOURCE,
-        "FeatureAccess": None,
-        "FeatureStatus": STATUS,
-        "IsVisible": None,
+        **event_polygon(
+            name,
+            feature_category(prescribed),
+            geodesic_acres(geometry),
+            written_unix_ms,
+            at_unix_ms,
+        ),
         "at_s": at_s,
         "at_us": round(at_s * 1e6),
         "area_ha": round(area.area / 1e4, 3),
     }
-    geometry = area_geometry(area, landscape)
     feature = {"type": "Feature", "properties": properties, "geometry": geometry}
     return {"type": "FeatureCollection", "features": [feature]}

@@ -17,7 +17,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.agency_fields import attribute
 from firemodel.landscape.readers.bands import refuse
 from firemodel.landscape.readers.shapes import shape_problems
-from firemodel.outputs.front_files import M2_PER_ACRE
+from firemodel.outputs.event_polygon import M2_PER_ACRE
 from firemodel.spread.front import multipolygon
 from mission_service.interfaces.maps.geometry_limits import MAX_PAIRS, max_repaired, pairs_near
 from mission_service.interfaces.maps.mercator import outline_of

@@ -1,0 +1,1 @@
+"""Products for crews and incident staff, written from a journal: maps, GIS files, KMZ, logs."""

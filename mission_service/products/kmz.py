@@ -1,0 +1,108 @@
+"""Write an incident as KMZ: fronts by time, isochrones, uncertainty, heat and drops, with styles.
+
+Each feature has a TimeSpan in calendar time, so that the time slider of Google Earth or ATAK shows
+the growth of the fire.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
+
+from firemodel.outputs.fronts_kml import (
+    add_class_styles,
+    add_data,
+    add_polygons,
+    add_span,
+    add_style,
+    add_text,
+    kml_colour,
+    kml_document,
+    kml_text,
+)
+from firemodel.outputs.layer_legends import arrival_layer, class_of
+from mission_service.products.features import Feature
+from mission_service.products.heat import INTENSE
+from mission_service.products.incident import Incident
+from mission_service.products.vector_files import write_zip
+
+NOTE = "Estimate of mission-service, not approved by a person. Not for navigation."
+AHEAD, LIKELY, HOT, DROP = "#6a1b9a", "#0b57a4", "#e00000", "#4a148c"
+CIRCLE = "http://maps.google.com/mapfiles/kml/shapes/placemark_circle.png"
+FOLDERS = {
+    "fronts": "Fire perimeter by time",
+    "forecast_isochrones": "Forecast perimeter",
+    "burn_probability": "Burn probability at the end of the forecast",
+    "heat_areas": "Heat: areas",
+    "heat_points": "Heat: isolated sources",
+    "drops": "Drops",
+}
+
+
+def write_kmz(path: Path, incident: Incident, layers: dict[str, list[Feature]]) -> None:
+    """Write the layers of ``features.layers_of`` as one KMZ with calendar times."""
+    now = incident.in_words(incident.at_s)
+    root, document = kml_document(incident.name, f"{NOTE} State at {now}.")
+    times_s = incident.past_times_s()
+    layer = arrival_layer(min(float(incident.arrival.arrival_s.min()), times_s[-1]), times_s[-1],
+                          incident.time_zero)  # fmt: skip
+    add_class_styles(document, layer)
+    for name, colour, alpha in (("ahead", AHEAD, "00"), ("likely", LIKELY, "22"),
+                                ("hot", HOT, "88"), ("scattered", HOT, "33")):  # fmt: skip
+        add_style(document, name, (f"ff{kml_colour(colour)}", "2"), f"{alpha}{kml_colour(colour)}")
+    for name, colour in (("source", HOT), ("drop", DROP)):
+        style = add_style(document, name, (f"ff{kml_colour(colour)}", "2"), "00000000")
+        icon = SubElement(style, "IconStyle")
+        add_text(icon, "color", f"ff{kml_colour(colour)}")
+        add_text(icon, "scale", "0.6")
+        add_text(SubElement(icon, "Icon"), "href", CIRCLE)
+    for key, title in FOLDERS.items():
+        if key in layers:
+            folder = SubElement(document, "Folder")
+            add_text(folder, "name", title)
+            for feature, following in pairwise([*layers[key], None]):
+                style = f"class{class_of(layer, feature['properties']['at_s'])}"
+                _add_placemark(folder, incident, key, feature, following, style)
+    text = kml_text(root)
+    write_zip(path, {"doc.kml": text.encode()}, incident.utc(incident.at_s))
+
+
+def _add_placemark(
+    folder: Element,
+    incident: Incident,
+    key: str,
+    feature: Feature,
+    following: Feature | None,
+    front_style: str,
+) -> None:
+    properties, geometry = feature["properties"], feature["geometry"]
+    placemark = SubElement(folder, "Placemark")
+    at_s = properties["at_s"]
+    when = incident.in_words(at_s)
+    acres = properties.get("poly_GISAcres")
+    area = "" if acres is None else f": {acres:,.0f} acres"
+    begin_s, end_s = at_s, None
+    match key:
+        case "fronts":
+            name, style = f"{when}{area}", front_style
+            end_s = None if following is None else following["properties"]["at_s"]
+        case "forecast_isochrones":
+            name, style = f"Forecast {when}{area}", "ahead"
+        case "burn_probability":
+            name, style = f"{properties['probability']:.0%} by {when}{area}", "likely"
+            begin_s = incident.at_s
+        case "heat_areas":
+            category = properties["poly_FeatureCategory"]
+            name, style = f"{category}{area}", "hot" if category == INTENSE else "scattered"
+        case "heat_points":
+            name, style = properties["poly_FeatureCategory"], "source"
+        case _:
+            name, style = f"{properties['vehicle']} {when}: {properties['outcome']}", "drop"
+    add_text(placemark, "name", name)
+    add_span(placemark, incident.time_zero, begin_s, end_s)
+    add_text(placemark, "styleUrl", f"#{style}")
+    add_data(placemark, properties)
+    if geometry["type"] == "Point":
+        lon, lat = geometry["coordinates"]
+        add_text(SubElement(placemark, "Point"), "coordinates", f"{lon!r},{lat!r}")
+    else:
+        add_polygons(placemark, geometry)

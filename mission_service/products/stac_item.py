@@ -1,0 +1,78 @@
+"""Describe the products of an incident as a STAC item (version 1.1.0)."""
+
+from pathlib import Path
+from typing import Any
+
+from mission_service.products.incident import Incident
+
+VERSION = "1.1.0"
+MEDIA = {
+    ".gpkg": "application/geopackage+sqlite3",
+    ".zip": "application/zip",
+    ".kmz": "application/vnd.google-earth.kmz",
+    ".png": "image/png",
+    ".pdf": "application/pdf",
+    ".tif": "image/tiff; application=geotiff; profile=cloud-optimized",
+    ".txt": "text/plain",
+    ".csv": "text/csv",
+    ".qml": "application/xml",
+}
+ROLES = {".png": "overview", ".txt": "metadata", ".qml": "metadata", ".pdf": "overview"}
+
+
+def stac_item(incident: Incident, files: dict[str, str]) -> dict[str, Any]:
+    """Return the item; ``files`` are titles by file name, in the folder of the item."""
+    bounds = _bounds(incident)
+    west, south, east, north = bounds
+    ring = [[west, south], [east, south], [east, north], [west, north], [west, south]]
+    at = _text(incident, incident.at_s)
+    assets = {}
+    for name, title in files.items():
+        ending = Path(name).suffix
+        assets[name.replace(".", "_")] = {
+            "href": f"./{name}",
+            "title": title,
+            "type": MEDIA[ending],
+            "roles": [ROLES.get(ending, "data")],
+        }
+    properties = {
+        "title": f"{incident.name}: fire at {at}",
+        "description": "Estimate of mission-service, not approved by a person.",
+        "datetime": at,
+        "created": at,
+    }
+    if incident.forecast_s:
+        properties["end_datetime"] = _text(incident, incident.at_s + incident.forecast_s)
+        properties["start_datetime"] = at
+    return {
+        "type": "Feature",
+        "stac_version": VERSION,
+        "stac_extensions": [],
+        "id": _identifier(incident),
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+        "bbox": bounds,
+        "properties": properties,
+        "links": [{"rel": "self", "href": "./stac-item.json", "type": "application/geo+json"}],
+        "assets": assets,
+    }
+
+
+def _identifier(incident: Incident) -> str:
+    name = "".join(each if each.isalnum() else "-" for each in incident.name)
+    return f"{name}-{incident.utc(incident.at_s):%Y%m%dT%H%M%SZ}"
+
+
+def _text(incident: Incident, at_s: float) -> str:
+    return f"{incident.utc(at_s):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def _bounds(incident: Incident) -> list[float]:
+    """Return west, south, east, north (WGS84) of the landscape, which the rasters cover."""
+    from pyproj import Transformer
+
+    land = incident.landscape
+    rows, cols = land.shape
+    south_m, east_m = land.north_m - rows * land.cell_size_m, land.west_m + cols * land.cell_size_m
+    to_lon_lat = Transformer.from_crs(land.crs, "EPSG:4326", always_xy=True)
+    found = to_lon_lat.transform_bounds(land.west_m, south_m, east_m, land.north_m)
+    return [round(float(each), 7) for each in found]
