@@ -73,5 +73,7 @@ def products(
     if as_json:
         click.echo(json.dumps({"acres": round(incident.acres, 2), "files": files}))
     else:
-        click.echo(f"{incident.name}, {incident.in_words(incident.at_s)}: {incident.acres:,.0f} acres")
+        click.echo(
+            f"{incident.name}, {incident.in_words(incident.at_s)}: {incident.acres:,.0f} acres"
+        )
         click.echo(f"{', '.join(files)} in {out}/")

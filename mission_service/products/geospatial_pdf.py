@@ -8,11 +8,12 @@ import warnings
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.outputs.whole_file import whole_file
+from firemodel.outputs.whole_file import whole_file, write_whole
 from mission_service.products.map_page import MapPage
 
 PNG_DPI, PDF_DPI = 200, 250  # of the raster parts of the PDF
@@ -21,10 +22,36 @@ POINTS_PER_IN = 72.0
 CORNERS = ((0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0))
 
 
-def write_png(path: Path, page: MapPage) -> None:
-    """Write a page as PNG."""
+def write_png(path: Path, page: MapPage, land: Landscape) -> Path:
+    """Write a page as PNG, with its georeference in a file for GDAL and QGIS, which is returned."""
     with whole_file(path) as part, _quiet():
         page.figure.savefig(part, format="png", dpi=PNG_DPI, metadata={"Software": None})
+    sidecar = path.with_name(f"{path.name}.aux.xml")
+    write_whole(sidecar, _auxiliary_metadata(page, land))
+    return sidecar
+
+
+def _auxiliary_metadata(page: MapPage, land: Landscape) -> str:
+    """Return GDAL's auxiliary metadata: the projection, and the transform of the page's pixels."""
+    from pyproj import CRS
+
+    west, east, south, north = (1e3 * each for each in page.frame)
+    box, (width_in, height_in) = page.axes.get_position(), page.figure.get_size_inches()
+    x_m = (east - west) / (box.width * width_in * PNG_DPI)  # the size of a pixel
+    y_m = (north - south) / (box.height * height_in * PNG_DPI)
+    left_m = land.west_m + west - box.x0 * width_in * PNG_DPI * x_m
+    top_m = _south_m(land) + north + (1.0 - box.y1) * height_in * PNG_DPI * y_m
+    root = Element("PAMDataset")
+    SubElement(root, "SRS").text = CRS.from_user_input(land.crs).to_wkt("WKT1_GDAL")
+    transform = (left_m, x_m, 0.0, top_m, 0.0, -y_m)
+    SubElement(root, "GeoTransform").text = ", ".join(
+        repr(round(float(each), 6)) for each in transform
+    )
+    return tostring(root, encoding="unicode") + "\n"
+
+
+def _south_m(land: Landscape) -> float:
+    return land.north_m - land.shape[0] * land.cell_size_m
 
 
 def write_pdf(path: Path, page: MapPage, land: Landscape, title: str, made: datetime) -> None:
@@ -54,18 +81,23 @@ def write_pdf(path: Path, page: MapPage, land: Landscape, title: str, made: date
 
 def _viewport(page: MapPage, land: Landscape) -> Any:
     """Return the viewport of the map frame, with its measure dictionary."""
-    from pypdf.generic import ArrayObject, DictionaryObject, FloatObject, NameObject, TextStringObject
+    from pypdf.generic import (
+        ArrayObject,
+        DictionaryObject,
+        FloatObject,
+        NameObject,
+        TextStringObject,
+    )
     from pyproj import CRS
 
     def numbers(values: Any) -> ArrayObject:
         return ArrayObject([FloatObject(round(float(value), 9)) for value in values])
 
     west, east, south, north = (1e3 * each for each in page.frame)
-    south_m = land.north_m - land.shape[0] * land.cell_size_m
     shares = np.array(CORNERS)
     lat, lon = land.lat_lon_of(
         land.west_m + west + (east - west) * shares[:, 0],
-        south_m + south + (north - south) * shares[:, 1],
+        _south_m(land) + south + (north - south) * shares[:, 1],
     )
     crs = CRS.from_user_input(land.crs)
     system = DictionaryObject({

@@ -71,7 +71,8 @@ def draw_utm_grid(axes: Any, land: Landscape, frame: Frame) -> tuple[UtmZone, fl
     span_km = max(float(np.ptp(e_m)), float(np.ptp(n_m))) / 1e3
     step_km = next((step for step in STEPS_KM if span_km <= MAX_LINES * step), STEPS_KM[-1])
     for name, across, along in (("east", e_m, n_m), ("north", n_m, e_m)):
-        others = np.linspace(along.min(), along.max(), POINTS)
+        beyond = 0.1 * float(np.ptp(along))  # lines are not parallel to the edges of the frame
+        others = np.linspace(along.min() - beyond, along.max() + beyond, POINTS)
         step_m = 1e3 * step_km
         for number in range(math.ceil(across.min() / step_m), int(across.max() // step_m) + 1):
             fixed = np.full(POINTS, number * step_m)

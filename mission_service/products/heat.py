@@ -3,9 +3,9 @@
 The categories are those of NIROPS (National Infrared Operations) and of the NWCG event standard:
 intense heat is a continuous area of burning ground, scattered heat an area with many separate heat
 sources, and an isolated heat source a single one. An image in the journal states for each cell
-whether it has burned, not how hot it is. Therefore, ground counts as hot for an hour after the
-estimated arrival of fire, if an image of the last hour shows it as burned. Points that sensors or
-people report as hot or burning are hot wherever they are.
+whether it has burned, not how hot it is. Therefore, ground counts as hot if an image of the last
+hour shows it as burned at most half an hour after the estimated arrival of fire. Points that
+sensors or people report as hot or burning are hot wherever they are.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ INTENSE, SCATTERED = "IR Intense Heat", "IR Scattered Heat"
 ISOLATED = "IR Isolated Heat Source"
 
 LAST_S = 3600.0  # images of this period are used
-GLOWING_S = 3600.0  # time for which ground is hot after the arrival of fire
+GLOWING_S = 1800.0  # time for which ground is hot after the arrival of fire
 INTENSE_CELLS = 6  # a connected group of at least this many hot cells is intense heat
 SCATTERED_M, SCATTERED_SOURCES = 150.0, 3  # at least so many sources, each so near to the next
 

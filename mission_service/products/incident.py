@@ -34,9 +34,9 @@ class LogLine(NamedTuple):
 
 
 class Images(NamedTuple):
-    """The images of a run: their number and the mission times of the first and the last one."""
+    """The images of a run: their number, and the mission times of the first and the last one."""
 
-    count: int
+    total: int
     first_s: float | None
     last_s: float | None
 

@@ -2,7 +2,7 @@
 
 from mission_service.products.incident import HA_PER_ACRE, HOUR_S, Incident
 
-WIDTH = 24
+WIDTH = 26
 
 
 def log_text(incident: Incident, files: list[str]) -> str:
@@ -11,7 +11,10 @@ def log_text(incident: Incident, files: list[str]) -> str:
         ("Incident name", incident.name),
         ("State at", incident.in_words(incident.at_s)),
         ("Interpreted by", "mission-service, automatically; not reviewed by a person"),
-        ("Interpreted size", f"{incident.acres:,.1f} acres ({_ha(incident.acres):,.1f} ha), geodesic"),
+        (
+            "Interpreted size",
+            f"{incident.acres:,.1f} acres ({_ha(incident.acres):,.1f} ha), geodesic",
+        ),
         *_growth(incident),
         *_images(incident),
         *_sources(incident),
@@ -24,7 +27,9 @@ def log_text(incident: Incident, files: list[str]) -> str:
     lines = ["INFRARED INTERPRETER'S LOG", ""]
     lines += [f"{name + ':':<{WIDTH}}{value}" for name, value in rows]
     lines += ["", "Corrections, settings and announcements:"]
-    lines += [f"{incident.when(line.at_s):%Y-%m-%d %H:%M:%S %Z}  {line.text}" for line in incident.log]
+    lines += [
+        f"{incident.when(line.at_s):%Y-%m-%d %H:%M:%S %Z}  {line.text}" for line in incident.log
+    ]
     return "\n".join([*lines, *([] if incident.log else ["none"]), ""])
 
 
@@ -51,7 +56,7 @@ def _images(incident: Incident) -> list[tuple[str, str]]:
     if images.first_s is None or images.last_s is None:
         return [("Images", "none; the perimeter is that of the fire model and of reports")]
     first, last = (incident.in_words(at_s) for at_s in (images.first_s, images.last_s))
-    return [("Images", f"{images.count:,}"), ("First image", first), ("Last image", last)]
+    return [("Images", f"{images.total:,}"), ("First image", first), ("Last image", last)]
 
 
 def _sources(incident: Incident) -> list[tuple[str, str]]:

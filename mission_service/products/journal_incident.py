@@ -19,8 +19,8 @@ from mission_service.products.incident import Images, Incident, LogLine, forecas
 from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.run_statistics import RunStatistics
 
-# The ensemble of the forecast starts from the estimate one to two hours before the products, because
-# more images would take longer to process than a crew can wait.
+# The ensemble of the forecast starts from the estimate one to two hours before the products. The
+# images of more hours would take longer to process than a crew can wait.
 ENSEMBLE_EVERY_S = 3600.0
 
 
@@ -67,6 +67,12 @@ class _Replay:
         self._ensemble_due_us = start_us + round(ENSEMBLE_EVERY_S * 1e6)
 
     def incident(self, at_s: float | None, forecast_s: float, time_zero: datetime) -> Incident:
+        """Return the incident at a mission time, or at the end of the journal (None)."""
+        if at_s is not None and at_s < self._scenario.start_s:
+            raise RequestError(
+                f"{self._recorded.path}: begins at mission time {self._scenario.start_s:g} s, "
+                f"after --at {at_s:g}; give a later time"
+            )
         until_us = None if at_s is None else round(at_s * 1e6)
         latest_us = -math.inf
         for event, commands in self._steps():
@@ -76,10 +82,7 @@ class _Replay:
             latest_us = max(latest_us, event.at_us)
             self._apply(event, commands)
         if not math.isfinite(latest_us):
-            begin_s = self._scenario.start_s
-            raise RequestError(
-                f"{self._recorded.path}: no events at mission time {begin_s if at_s is None else at_s:g} s"
-            )
+            raise RequestError(f"{self._recorded.path}: the journal has no events")
         if until_us is not None and latest_us < until_us:
             raise RequestError(
                 f"{self._recorded.path}: ends at mission time {latest_us / 1e6:.0f} s, before "
@@ -124,10 +127,7 @@ class _Replay:
         at_s = at_us / 1e6
         self._estimate.advance(at_us)
         of_burn = self._estimated_fire()
-        if of_burn is None:
-            forecasts = Forecasts(lambda: self._estimate, lambda: 0)
-        else:
-            forecasts = EstimatedForecasts(lambda: of_burn, self._landscape, lambda: at_s)
+        forecasts = self._forecasts(of_burn, at_s)
         arrival, probability = forecast_of(forecasts, at_s, forecast_s)
         heat = self._heat.heat(arrival.arrival_s, at_s)
         images = Images(self._record.observations, self._heat.first_s, self._heat.last_s)
@@ -146,6 +146,13 @@ class _Replay:
             images=images,
             log=self._log,
         )
+
+    def _forecasts(
+        self, of_burn: EstimatedFire | None, at_s: float
+    ) -> Forecasts | EstimatedForecasts:
+        if of_burn is None:
+            return Forecasts(lambda: self._estimate, lambda: 0)
+        return EstimatedForecasts(lambda: of_burn, self._landscape, lambda: at_s)
 
     def _estimated_fire(self) -> EstimatedFire | None:
         return None if self._core is None else self._core.guidance.estimated_fire

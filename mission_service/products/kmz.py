@@ -4,7 +4,7 @@ Each feature has a TimeSpan in calendar time, so that the time slider of Google 
 the growth of the fire.
 """
 
-from itertools import pairwise
+import io
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
@@ -27,7 +27,7 @@ from mission_service.products.vector_files import write_zip
 
 NOTE = "Estimate of mission-service, not approved by a person. Not for navigation."
 AHEAD, LIKELY, HOT, DROP = "#6a1b9a", "#0b57a4", "#e00000", "#4a148c"
-CIRCLE = "http://maps.google.com/mapfiles/kml/shapes/placemark_circle.png"
+CIRCLE, CIRCLE_PIXELS = "circle.png", 32  # white; the styles give the colour
 FOLDERS = {
     "fronts": "Fire perimeter by time",
     "forecast_isochrones": "Forecast perimeter",
@@ -46,8 +46,39 @@ def write_kmz(path: Path, incident: Incident, layers: dict[str, list[Feature]]) 
     layer = arrival_layer(min(float(incident.arrival.arrival_s.min()), times_s[-1]), times_s[-1],
                           incident.time_zero)  # fmt: skip
     add_class_styles(document, layer)
-    for name, colour, alpha in (("ahead", AHEAD, "00"), ("likely", LIKELY, "22"),
-                                ("hot", HOT, "88"), ("scattered", HOT, "33")):  # fmt: skip
+    _add_styles(document)
+    for key, title in FOLDERS.items():
+        if key in layers:
+            folder = SubElement(document, "Folder")
+            add_text(folder, "name", title)
+            ends_s = [*(each["properties"]["at_s"] for each in layers[key][1:]), None]
+            for feature, end_s in zip(layers[key], ends_s, strict=True):
+                front_style = f"class{class_of(layer, feature['properties']['at_s'])}"
+                _add_placemark(folder, incident, key, feature, (end_s, front_style))
+    text = kml_text(root)
+    contents = {"doc.kml": text.encode(), CIRCLE: _circle()}
+    write_zip(path, contents, incident.utc(incident.at_s))
+
+
+def _circle() -> bytes:
+    """Return the icon of points as a PNG, in the file because viewers may be off line."""
+    from PIL import Image, ImageDraw
+
+    image = Image.new("RGBA", (CIRCLE_PIXELS, CIRCLE_PIXELS), (255, 255, 255, 0))
+    ImageDraw.Draw(image).ellipse((2, 2, CIRCLE_PIXELS - 3, CIRCLE_PIXELS - 3), fill="white")
+    data = io.BytesIO()
+    image.save(data, "png")
+    return data.getvalue()
+
+
+def _add_styles(document: Element) -> None:
+    """Add the styles of all features but fronts."""
+    for name, colour, alpha in (
+        ("ahead", AHEAD, "00"),
+        ("likely", LIKELY, "22"),
+        ("hot", HOT, "88"),
+        ("scattered", HOT, "33"),
+    ):
         add_style(document, name, (f"ff{kml_colour(colour)}", "2"), f"{alpha}{kml_colour(colour)}")
     for name, colour in (("source", HOT), ("drop", DROP)):
         style = add_style(document, name, (f"ff{kml_colour(colour)}", "2"), "00000000")
@@ -55,15 +86,6 @@ def write_kmz(path: Path, incident: Incident, layers: dict[str, list[Feature]]) 
         add_text(icon, "color", f"ff{kml_colour(colour)}")
         add_text(icon, "scale", "0.6")
         add_text(SubElement(icon, "Icon"), "href", CIRCLE)
-    for key, title in FOLDERS.items():
-        if key in layers:
-            folder = SubElement(document, "Folder")
-            add_text(folder, "name", title)
-            for feature, following in pairwise([*layers[key], None]):
-                style = f"class{class_of(layer, feature['properties']['at_s'])}"
-                _add_placemark(folder, incident, key, feature, following, style)
-    text = kml_text(root)
-    write_zip(path, {"doc.kml": text.encode()}, incident.utc(incident.at_s))
 
 
 def _add_placemark(
@@ -71,20 +93,20 @@ def _add_placemark(
     incident: Incident,
     key: str,
     feature: Feature,
-    following: Feature | None,
-    front_style: str,
+    of_front: tuple[float | None, str],
 ) -> None:
+    """Add a feature; ``of_front`` are the time of the next front (None: no end) and the style."""
     properties, geometry = feature["properties"], feature["geometry"]
     placemark = SubElement(folder, "Placemark")
     at_s = properties["at_s"]
     when = incident.in_words(at_s)
     acres = properties.get("poly_GISAcres")
     area = "" if acres is None else f": {acres:,.0f} acres"
-    begin_s, end_s = at_s, None
+    begin_s: float = at_s
+    end_s: float | None = None
     match key:
         case "fronts":
-            name, style = f"{when}{area}", front_style
-            end_s = None if following is None else following["properties"]["at_s"]
+            name, (end_s, style) = f"{when}{area}", of_front
         case "forecast_isochrones":
             name, style = f"Forecast {when}{area}", "ahead"
         case "burn_probability":

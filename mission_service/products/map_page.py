@@ -8,25 +8,28 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from shapely import get_coordinates, get_parts
 
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape, crs_label
-from firemodel.outputs.arrival_map import draw_ground, draw_scale
+from firemodel.outputs.arrival_map import draw_ground
 from firemodel.outputs.graticule import Frame, draw_graticule, draw_north, km_of
 from mission_service.products.grid_reference import draw_utm_grid, grid_square
 from mission_service.products.incident import HA_PER_ACRE, LEVELS, Incident
 
 MM = 1.0 / 25.4  # in inches
-MARGIN_IN, TITLE_IN, FOOT_IN, PANEL_IN = 0.35, 0.75, 0.45, 2.45
+MARGIN_IN, TITLE_IN, FOOT_IN, PANEL_IN = 0.35, 0.6, 0.42, 2.5
 LABELS_IN = 0.28  # around the map frame, for the coordinates
 SCALES = (
     *(2_000, 4_000, 6_000, 8_000, 10_000, 12_000, 15_840, 20_000, 24_000, 31_680, 40_000, 50_000),
     *(63_360, 80_000, 100_000, 126_720, 200_000, 250_000, 500_000, 1_000_000, 2_000_000),
 )  # fmt: skip
+BAR_LENGTHS = (0.02, 0.05, 0.1, 0.2, 0.4, 1, 2, 4, 10, 20, 40, 100)  # km or miles
 AROUND = 1.12  # the map is larger than the fire and its forecast by this factor
 MIN_KM = 1.0
 PERIMETER, EARLIER, AHEAD, LIKELY = "#c00000", "#7f1d1d", "#6a1b9a", "#0b57a4"
-HOT, DROP = "#e00000", "#111111"
+HOT, DROP, OUTSIDE = "#e00000", "#111111", "#ececec"
+BAR_IN = 2.2  # maximum length of a scale bar
 NOTE = "Estimate by mission-service, not approved by a person. Not for navigation."
 
 
@@ -34,11 +37,12 @@ class Page(NamedTuple):
     """A paper size in landscape orientation, in inches."""
 
     name: str
+    title: str
     width_in: float
     height_in: float
 
 
-LETTER, A4 = Page("letter", 11.0, 8.5), Page("a4", 297.0 * MM, 210.0 * MM)
+LETTER, A4 = Page("letter", "Letter", 11.0, 8.5), Page("a4", "A4", 297.0 * MM, 210.0 * MM)
 
 
 class MapPage(NamedTuple):
@@ -67,7 +71,7 @@ def draw_page(incident: Incident, page: Page) -> MapPage:
         )
     )
     fuels = draw_ground(axes, land, frame)
-    axes.set_facecolor("white")
+    axes.set_facecolor(OUTSIDE)
     axes.set_aspect("auto")
     handles = _draw_fire(axes, incident)
     handles += _draw_heat(axes, incident) + _draw_drops(axes, incident)
@@ -75,12 +79,12 @@ def draw_page(incident: Incident, page: Page) -> MapPage:
     axes.tick_params(labelsize=6.5, length=2, pad=2)
     zone, step_km = draw_utm_grid(axes, land, frame)
     draw_north(axes, land)
-    draw_scale(axes, frame)
     axes.set(xlim=frame[:2], ylim=frame[2:])
     _write_title(figure, page, incident)
     grid = f"Blue grid: UTM zone {zone.number}{'N' if zone.is_north else 'S'}, {step_km:g} km"
     _write_panel(figure, page, incident, handles, fuels)
-    _write_foot(figure, page, incident, f"Scale 1:{scale:,} on {page.name.capitalize()} paper", grid)
+    _write_foot(figure, page, incident, f"Scale 1:{scale:,} on {page.title} paper", grid)
+    _draw_scale_bars(figure, page, scale)
     return MapPage(figure, axes, frame)
 
 
@@ -97,8 +101,6 @@ def frame_of(incident: Incident, width_in: float, height_in: float) -> tuple[int
 
 def _points_of(incident: Incident) -> Floats:
     """Return the coordinates (n, 2; m) of everything that the map must show."""
-    from shapely import get_coordinates
-
     land = incident.landscape
     shapes = [incident.area(incident.at_s), *incident.heat.intense, *incident.heat.isolated]
     if incident.probability is not None:
@@ -124,10 +126,11 @@ def _add_area(axes: Any, land: Landscape, area: Any, **style: Any) -> None:
     """Draw the polygons of an area with their holes."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
-    from shapely import get_parts
 
     for polygon in get_parts(area):
-        rings = [_km(land, np.asarray(ring.coords)) for ring in (polygon.exterior, *polygon.interiors)]
+        rings = [
+            _km(land, np.asarray(ring.coords)) for ring in (polygon.exterior, *polygon.interiors)
+        ]
         outline = Outline.make_compound_path(*(Outline(ring, closed=True) for ring in rings))
         axes.add_patch(PathPatch(outline, **style))
 
@@ -137,19 +140,21 @@ def _draw_fire(axes: Any, incident: Incident) -> list[Any]:
     land, now = incident.landscape, incident.area(incident.at_s)
     handles: list[Any] = []
     if incident.probability is not None:
+        end = f"{incident.when(_end_s(incident)):%H:%M}"
         for level, width in zip(LEVELS, (0.8, 1.2, 1.8), strict=True):
             style: dict[str, Any] = {"edgecolor": LIKELY, "linewidth": width, "linestyle": ":"}
             _add_area(axes, land, incident.likely_area(level), fill=False, **style)
-            label = f"{level:.0%} probability of burning by {incident.when(_end_s(incident)):%H:%M}"
+            label = f"{100 * level:.0f} % probability of fire by {end}"
             handles.append(Line2D([], [], color=LIKELY, linewidth=width, ls=":", label=label))
     _add_area(axes, land, now, facecolor="#ff6d3a", alpha=0.28, edgecolor="none")
     for at_s in incident.past_times_s()[:-1]:
         _add_area(axes, land, incident.area(at_s), fill=False, edgecolor=EARLIER, linewidth=0.5)
     _add_area(axes, land, now, fill=False, edgecolor=PERIMETER, linewidth=2.0)
+    middle = _km(land, np.array(now.centroid.coords or np.zeros((1, 2))))[0]
     for at_s in incident.forecast_times_s():
         area = incident.area(at_s)
         _add_area(axes, land, area, fill=False, edgecolor=AHEAD, linewidth=1.1, linestyle="--")
-        _label_front(axes, land, area, f"{incident.when(at_s):%H:%M}", AHEAD)
+        _label_front(axes, _km(land, get_coordinates(area)), middle, f"{incident.when(at_s):%H:%M}")
     first = [Line2D([], [], color=PERIMETER, linewidth=2.0, label="Perimeter now")]
     if len(incident.past_times_s()) > 1:
         first.append(Line2D([], [], color=EARLIER, linewidth=0.5, label="Earlier, each hour"))
@@ -159,18 +164,15 @@ def _draw_fire(axes: Any, incident: Incident) -> list[Any]:
     return first + handles
 
 
-def _label_front(axes: Any, land: Landscape, area: Any, text: str, colour: str) -> None:
-    """Write a time at the point of a front that is farthest from the middle of the area."""
+def _label_front(axes: Any, points: Floats, middle: Floats, text: str) -> None:
+    """Write a time at the point (n, 2; km) of a forecast front farthest from the fire's middle."""
     from matplotlib.patheffects import withStroke
-    from shapely import get_coordinates
 
-    points = _km(land, get_coordinates(area))
     if not len(points):
         return
-    middle = points.mean(axis=0)
     place = points[np.argmax(np.hypot(*(points - middle).T))]
     label = axes.annotate(
-        text, place, fontsize=7, fontweight="bold", color=colour, ha="center", va="center",
+        text, place, fontsize=7, fontweight="bold", color=AHEAD, ha="center", va="center",
         annotation_clip=True,
     )  # fmt: skip
     label.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
@@ -178,7 +180,8 @@ def _label_front(axes: Any, land: Landscape, area: Any, text: str, colour: str) 
 
 def _draw_heat(axes: Any, incident: Incident) -> list[Any]:
     """Draw heat with the symbols of infrared interpreters; return the entries of the legend."""
-    land, heat, handles = incident.landscape, incident.heat, []
+    land, heat = incident.landscape, incident.heat
+    handles: list[Any] = []
     for areas, hatch, label in (
         (heat.intense, "\\\\\\\\\\\\", "Intense heat"),
         (heat.scattered, "...", "Scattered heat"),
@@ -214,10 +217,14 @@ def _write_title(figure: Figure, page: Page, incident: Incident) -> None:
     top = 1.0 - MARGIN_IN / page.height_in
     left = MARGIN_IN / page.width_in
     kind = "Prescribed fire" if incident.prescribed else "Fire perimeter"
-    more = "" if not incident.forecast_s else f" and forecast to {incident.in_words(_end_s(incident))}"
-    figure.text(left, top, incident.name, fontsize=18, fontweight="bold", va="top", parse_math=False)
+    more = (
+        "" if not incident.forecast_s else f" and forecast to {incident.in_words(_end_s(incident))}"
+    )
+    figure.text(
+        left, top, incident.name, fontsize=18, fontweight="bold", va="top", parse_math=False
+    )
     line = f"{kind} at {incident.in_words(incident.at_s)}{more}"
-    figure.text(left, top - 0.36 / page.height_in, line, fontsize=9.5, va="top")
+    figure.text(left, top - 0.33 / page.height_in, line, fontsize=9.5, va="top")
 
 
 def _write_panel(
@@ -237,7 +244,7 @@ def _write_panel(
         left, top - 0.33 / page.height_in, "\n".join(lines), fontsize=7.5, va="top",
         linespacing=1.35, parse_math=False,
     )  # fmt: skip
-    height_in = body.get_window_extent(figure.canvas.get_renderer()).height / figure.dpi
+    height_in = body.get_window_extent().height / figure.dpi
     legend_top = top - (0.33 + height_in + 0.12) / page.height_in
     swatches = [Patch(facecolor=colour, edgecolor="0.4", linewidth=0.4, label=name)
                 for colour, name in fuels]  # fmt: skip
@@ -258,24 +265,48 @@ def _facts(incident: Incident) -> list[str]:
     if images.first_s is None or images.last_s is None:
         lines.append("No images: fire model and reports only")
     else:
-        lines.append(f"{images.count:,} images until {incident.when(images.last_s):%Y-%m-%d %H:%M}")
+        lines.append(f"{images.total:,} images until {incident.when(images.last_s):%Y-%m-%d %H:%M}")
     if incident.probability is not None:
         low, high = (incident.likely_area(level).area / 4046.8564224 for level in (0.9, 0.1))
         lines.append(f"By {incident.when(_end_s(incident)):%H:%M}: {low:,.0f} to {high:,.0f} acres")
         lines.append("(90 % and 10 % probability)")
+        if _is_cut(incident):
+            lines.append("The forecast ends at the edge of the data.")
     return lines
 
 
-def _write_foot(
-    figure: Figure, page: Page, incident: Incident, scale: str, grid: str
-) -> None:
+def _is_cut(incident: Incident) -> bool:
+    """Return whether fire may leave the landscape within the forecast."""
+    assert incident.probability is not None
+    edges = (incident.probability[place] for place in (0, -1, (..., 0), (..., -1)))
+    return any(bool((edge >= LEVELS[0]).any()) for edge in edges)
+
+
+def _draw_scale_bars(figure: Figure, page: Page, scale: int) -> None:
+    """Draw scale bars in km and miles under the panel."""
+    left, step_in = page.width_in - MARGIN_IN - PANEL_IN + 0.2, 0.3
+    for number, (unit, metres) in enumerate((("km", 1000.0), ("mi", 1609.344))):
+        length = max(each for each in BAR_LENGTHS if each * metres / scale / 0.0254 <= BAR_IN)
+        bar_in = length * metres / scale / 0.0254
+        y_in = MARGIN_IN + FOOT_IN + 0.1 + number * step_in
+        axes = figure.add_axes(
+            (left / page.width_in, y_in / page.height_in, bar_in / page.width_in,
+             0.05 / page.height_in)
+        )  # fmt: skip
+        axes.set(xlim=(0.0, length), ylim=(0.0, 1.0), yticks=[], xticks=[0.0, length / 2, length])
+        axes.axvspan(0.0, length / 2, color="black")
+        axes.tick_params(labelsize=6.5, length=0, pad=1)
+        axes.set_xticklabels(["0", f"{length / 2:g}", f"{length:g} {unit}"])
+
+
+def _write_foot(figure: Figure, page: Page, incident: Incident, scale: str, grid: str) -> None:
     land = incident.landscape
     lat, lon = land.centre_lat_lon
     square = grid_square(lat, lon)
     usng = f", USNG/MGRS square {square}" if square else ""
     lines = (
-        f"{scale}. Projection {crs_label(land.crs)}. {grid}{usng}. Black grid: latitude and "
-        "longitude, WGS84. Arrow: true north.",
+        f"{scale}. Grey: no data. Projection {crs_label(land.crs)}. {grid}{usng}. Black "
+        "grid: latitude and longitude, WGS84. Arrow: true north.",
         f"Source: {NOTE} Background: hillshade and fuel models of the scenario.",
     )
     figure.text(

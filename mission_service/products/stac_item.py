@@ -16,8 +16,15 @@ MEDIA = {
     ".txt": "text/plain",
     ".csv": "text/csv",
     ".qml": "application/xml",
+    ".xml": "application/xml",
 }
-ROLES = {".png": "overview", ".txt": "metadata", ".qml": "metadata", ".pdf": "overview"}
+ROLES = {
+    ".png": "overview",
+    ".txt": "metadata",
+    ".qml": "metadata",
+    ".xml": "metadata",
+    ".pdf": "overview",
+}
 
 
 def stac_item(incident: Incident, files: dict[str, str]) -> dict[str, Any]:

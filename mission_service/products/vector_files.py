@@ -19,6 +19,7 @@ from mission_service.products.features import Feature
 
 CRS = "EPSG:4326"
 DATES = ("CreateDate", "DateCurrent", "PolygonDateTime", "DateTime")
+GPKG_VERSION = "1.2"  # GDAL before 3.7 warns of newer versions
 GDAL_UTC = 100  # GDAL's code of the time zone UTC
 EARLIEST_ZIP = (1980, 1, 1, 0, 0, 0)
 # Names of at most ten characters, as in the Shapefiles that the agencies publish.
@@ -39,7 +40,7 @@ def write_geopackage(path: Path, layers: dict[str, list[Feature]], written: date
     """
     with whole_file(path) as part, _dated(written):
         for number, (name, features) in enumerate(layers.items()):
-            _write(part, name, features, "GPKG", append=number > 0, SPATIAL_INDEX="YES")
+            _write(part, name, features, "GPKG", append=number > 0)
 
 
 def write_shapefile(path: Path, layer: str, features: Sequence[Feature], written: datetime) -> None:
@@ -102,6 +103,7 @@ def _write(
         geometry_type=features[0]["geometry"]["type"],
         crs=CRS,
         append=append,
+        dataset_options=None if append or driver != "GPKG" else {"VERSION": GPKG_VERSION},
         layer_options=options,
         gdal_tz_offsets={
             name: np.full(len(features), GDAL_UTC)

@@ -44,8 +44,9 @@ def write_products(out: Path, incident: Incident) -> list[str]:
         write_pdf(out / name, page, incident.landscape, f"{incident.name} fire map", written)
         titles[name] = f"Georeferenced map, {size.name}"
         if size is LETTER:
-            write_png(out / "map.png", page)
+            sidecar = write_png(out / "map.png", page, incident.landscape)
             titles["map.png"] = "Map"
+            titles[sidecar.name] = "Georeference of map.png"
     for path in write_rasters(out, incident):
         titles[path.name] = RASTER_TITLES[path.stem]
         titles[f"{path.stem}.qml"] = "QGIS style of the raster of the same name"
