@@ -32,9 +32,8 @@ from mission_service.cli.options import (
 )
 from mission_service.cli.output_folder import Interrupted, output_folder
 from mission_service.cli.plan_command import plan
-from mission_service.cli.products_command import products
 from mission_service.cli.replay_commands import replay
-from mission_service.cli.report_commands import report
+from mission_service.cli.report_commands import products, report
 from mission_service.cli.request_commands import request
 from mission_service.cli.satellite_command import satellite_pixels
 from mission_service.cli.sortie_commands import sortie

@@ -35,9 +35,6 @@ class EstimatedForecasts:
         self._estimate_of = estimate_of
         self._landscape = landscape
         self._now_s = now_s
-        row, col = np.indices(landscape.shape)
-        centres = [np.asarray(axis, float).ravel() for axis in landscape.xy_of(row, col)]
-        self._centres_m = np.column_stack(centres)
         self.took_s = 0.0  # as in ``Forecasts``; always 0, because no fire is simulated here
         self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
 
@@ -49,7 +46,9 @@ class EstimatedForecasts:
     async def probability(self, at_s: float) -> Floats:
         """Return the probability (y, x) that fire has reached each cell by a time."""
         _, simulation, arrival_s = await self._arrivals()
-        return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
+        return await asyncio.to_thread(
+            burn_probability, simulation, self._landscape, arrival_s, at_s
+        )
 
     async def arrival_quantiles_s(
         self, places: Sequence[Cells], shares: Sequence[float], for_s: float
@@ -58,7 +57,8 @@ class EstimatedForecasts:
         _, simulation, arrival_s = await self._arrivals()
         first = np.array([cells[int(np.argmin(arrival_s.flat[cells]))] for cells in places], int)
         until_s, median_s = self._now_s() + for_s, arrival_s.flat[first]
-        sd_s = (await asyncio.to_thread(self._sd_s, simulation, arrival_s)).flat[first]
+        sds_s = await asyncio.to_thread(_arrival_sds_s, simulation, self._landscape, arrival_s)
+        sd_s = sds_s.flat[first]
         ahead_s = median_s + ndtri(np.asarray(shares))[:, None] * np.where(
             np.isfinite(median_s), np.maximum(sd_s, 1.0), 1.0
         )
@@ -76,22 +76,41 @@ class EstimatedForecasts:
         version, simulation = estimate.version, estimate.simulation
         found = self._arrival_s
         if found[0] != version or found[1] is not simulation:
-            times_s = await asyncio.to_thread(simulation.ignition_time_s, self._centres_m)
-            found = self._arrival_s = (version, simulation, times_s.reshape(self._landscape.shape))
+            times_s = await asyncio.to_thread(arrival_times_s, simulation, self._landscape)
+            found = self._arrival_s = (version, simulation, times_s)
         return version, simulation, found[2]
 
-    def _probability(self, simulation: Simulation, arrival_s: Floats, at_s: float) -> Floats:
-        sd_s = self._sd_s(simulation, arrival_s)
-        with np.errstate(invalid="ignore"):
-            share = ndtr((at_s - arrival_s) / np.maximum(sd_s, 1.0))
-        return np.where(np.isfinite(arrival_s), share, 0.0)
 
-    def _sd_s(self, simulation: Simulation, arrival_s: Floats) -> Floats:
-        """Return the standard deviation (y, x) of the arrival times."""
-        # The paper's correction has no standard deviations.
-        sd_of = getattr(simulation, "sd_s", None)
-        if sd_of is not None:
-            found: Floats = sd_of(self._centres_m).reshape(arrival_s.shape)
-            return found
-        first_s = float(arrival_s.min())
-        return UNCORRECTED_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)
+def arrival_times_s(simulation: Simulation, landscape: Landscape) -> Floats:
+    """Return the arrival times (y, x) of a simulation at the centres of the cells."""
+    return simulation.ignition_time_s(_centres_m(landscape)).reshape(landscape.shape)
+
+
+def burn_probability(
+    simulation: Simulation, landscape: Landscape, arrival_s: Floats, at_s: float
+) -> Floats:
+    """Return the probability (y, x) that fire has reached each cell by a time.
+
+    ``arrival_s`` are the results of ``arrival_times_s``.
+    """
+    sd_s = _arrival_sds_s(simulation, landscape, arrival_s)
+    with np.errstate(invalid="ignore"):
+        share = ndtr((at_s - arrival_s) / np.maximum(sd_s, 1.0))
+    return np.where(np.isfinite(arrival_s), share, 0.0)
+
+
+def _arrival_sds_s(simulation: Simulation, landscape: Landscape, arrival_s: Floats) -> Floats:
+    """Return the standard deviations (y, x) of the arrival times."""
+    # The paper's correction has no standard deviations.
+    sd_of = getattr(simulation, "sd_s", None)
+    if sd_of is not None:
+        found: Floats = sd_of(_centres_m(landscape)).reshape(arrival_s.shape)
+        return found
+    first_s = float(arrival_s.min())
+    return UNCORRECTED_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)
+
+
+def _centres_m(landscape: Landscape) -> Floats:
+    """Return the coordinates (n, 2) of the centres of the cells, row by row."""
+    row, col = np.indices(landscape.shape)
+    return np.column_stack([np.asarray(each, float).ravel() for each in landscape.xy_of(row, col)])

@@ -98,11 +98,7 @@ class Forecasts:
         if at_s <= fire.time_s + PRESENT_S:
             return (fire.arrival_time_s <= at_s).astype(np.float64)
         forecast, arrival = await self._fresh(at_s)
-        burned = (arrival.arrival_s <= arrival.at_s).astype(np.float64)
-        if forecast is None:
-            return burned
-        at_s = max(at_s, forecast.at_s)
-        return np.maximum(await self._in_thread(partial(forecast.burn_probability, at_s)), burned)
+        return await self._in_thread(partial(_probability, arrival, forecast, at_s))
 
     async def arrival_quantiles_s(
         self, places: Sequence[Cells], shares: Sequence[float], for_s: float
@@ -195,6 +191,36 @@ class Forecasts:
         arrival = Arrival(now_s, until_s, arrival_s, version, fire.start_area)
         self._newest, self._begun_s = _Made(forecast, arrival), begun_s
         self.took_s = loop.time() - begun_s
+
+
+def forecast_once(estimate: RunEstimate, for_s: float) -> tuple[Arrival, Floats | None]:
+    """Return the arrival times of an estimate and of its forecast, and the burn probability (y, x).
+
+    Args:
+        estimate: The estimate, without queued inputs. Its ensemble is not changed.
+        for_s: The length of the forecast; 0 for none.
+
+    Returns:
+        The arrival times, and the probability at the end of the forecast (None without a forecast).
+    """
+    fire, ensemble = estimate.fire, estimate.ensemble
+    now_s, arrival_s = fire.time_s, fire.expected_s()
+    end_s, forecast = now_s + for_s, None
+    if for_s:
+        after = processed(ensemble.processed, ensemble.inputs_until(now_s))
+        forecast = _forecast(after, now_s, end_s)
+    if forecast is not None:
+        arrival_s = _joined(arrival_s, forecast, now_s)
+    arrival = Arrival(now_s, end_s, arrival_s, 0, fire.start_area)
+    return arrival, _probability(arrival, forecast, end_s) if for_s else None
+
+
+def _probability(arrival: Arrival, forecast: Forecast | None, at_s: float) -> Floats:
+    """Return the probability (y, x) that each cell has burned; 1 where the estimate has burned."""
+    burned = (arrival.arrival_s <= arrival.at_s).astype(np.float64)
+    if forecast is None:
+        return burned
+    return np.maximum(forecast.burn_probability(max(at_s, forecast.at_s)), burned)
 
 
 def _forecast(estimate: FireEstimate, now_s: float, until_s: float) -> Forecast | None:

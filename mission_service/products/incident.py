@@ -3,7 +3,6 @@
 The fire is the estimate of the run, never the simulated fire of a simulation.
 """
 
-import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -127,18 +126,3 @@ def burned_area(
 ) -> Any:
     """Return the area burned at a time as a shapely MultiPolygon in the landscape's CRS."""
     return with_start(front_polygons(arrival_s, at_s, landscape), start_area, at_s)
-
-
-def forecast_of(forecasts: Any, at_s: float, forecast_s: float) -> tuple[Arrival, Floats | None]:
-    """Return the arrival times, and the burn probability at the end of the forecast."""
-
-    async def computed() -> tuple[Arrival, Floats | None]:
-        try:
-            arrival = await forecasts.arrival(at_s + forecast_s)
-            if not forecast_s:
-                return arrival, None
-            return arrival, await forecasts.probability(at_s + forecast_s)
-        finally:
-            forecasts.close()
-
-    return asyncio.run(computed())

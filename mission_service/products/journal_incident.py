@@ -5,17 +5,18 @@ from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
+from firemodel.arrays import Floats
 from mission_service.commands import Announce, AnyCommand
 from mission_service.core.core import Core
 from mission_service.errors import RequestError
 from mission_service.events import AnyEvent
-from mission_service.fire.burn_forecast import EstimatedForecasts
+from mission_service.fire.burn_forecast import arrival_times_s, burn_probability
 from mission_service.fire.estimated_fire import EstimatedFire
-from mission_service.fire.forecast import Forecasts
+from mission_service.fire.forecast import Arrival, forecast_once
 from mission_service.journal.reader import JournalReader
 from mission_service.operator_lines import operator_line
 from mission_service.products.heat import ObservedHeat
-from mission_service.products.incident import Images, Incident, LogLine, forecast_of
+from mission_service.products.incident import Images, Incident, LogLine
 from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.run_statistics import RunStatistics
 
@@ -127,8 +128,7 @@ class _Replay:
         at_s = at_us / 1e6
         self._estimate.advance(at_us)
         of_burn = self._estimated_fire()
-        forecasts = self._forecasts(of_burn, at_s)
-        arrival, probability = forecast_of(forecasts, at_s, forecast_s)
+        arrival, probability = self._forecast(of_burn, at_s, forecast_s)
         heat = self._heat.heat(arrival.arrival_s, at_s)
         images = Images(self._record.observations, self._heat.first_s, self._heat.last_s)
         return Incident(
@@ -147,12 +147,19 @@ class _Replay:
             log=self._log,
         )
 
-    def _forecasts(
-        self, of_burn: EstimatedFire | None, at_s: float
-    ) -> Forecasts | EstimatedForecasts:
+    def _forecast(
+        self, of_burn: EstimatedFire | None, at_s: float, for_s: float
+    ) -> tuple[Arrival, Floats | None]:
+        """Return the arrival times, and the burn probability at the end of the forecast."""
         if of_burn is None:
-            return Forecasts(lambda: self._estimate, lambda: 0)
-        return EstimatedForecasts(lambda: of_burn, self._landscape, lambda: at_s)
+            return forecast_once(self._estimate, for_s)
+        simulation, end_s = of_burn.simulation, at_s + for_s
+        arrival_s = arrival_times_s(simulation, self._landscape)
+        probability = None
+        if for_s:
+            probability = burn_probability(simulation, self._landscape, arrival_s, end_s)
+            probability[arrival_s <= at_s] = 1.0
+        return Arrival(at_s, end_s, arrival_s, 0), probability
 
     def _estimated_fire(self) -> EstimatedFire | None:
         return None if self._core is None else self._core.guidance.estimated_fire

@@ -7,10 +7,15 @@ from firemodel.outputs.whole_file import write_whole
 from mission_service.products.features import layers_of
 from mission_service.products.geospatial_pdf import write_pdf, write_png
 from mission_service.products.incident import Incident
+from mission_service.products.incident_rasters import (
+    ARRIVAL,
+    FLAME_LENGTH,
+    PROBABILITY,
+    write_rasters,
+)
 from mission_service.products.interpreter_log import log_text
 from mission_service.products.kmz import write_kmz
 from mission_service.products.map_page import A4, LETTER, draw_page
-from mission_service.products.rasters import ARRIVAL, FLAME_LENGTH, PROBABILITY, write_rasters
 from mission_service.products.stac_item import stac_item
 from mission_service.products.vector_files import write_geopackage, write_shapefile
 from mission_service.runtime.run_outputs import write_drops

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
+from pyproj import Proj
 from shapely.geometry import shape
 
 from firemodel.errors import FireModelError
@@ -45,12 +46,16 @@ def test_fronts_have_time_area_and_a_note_that_they_are_not_approved() -> None:
     zero = datetime(2026, 8, 1, 12, 0, tzinfo=UTC)
     (feature,) = fronts_geojson(fire, [15_000.0], "rock", zero)["features"]
     area_m2 = fire.front(15_000.0).area
-    assert feature["properties"] == {
+    lat, lon = fire.landscape.centre_lat_lon
+    projected = Proj(fire.landscape.crs).get_factors(lon, lat).areal_scale
+    properties = feature["properties"]
+    acres = properties.pop("GISAcres")  # on the ellipsoid
+    assert acres == pytest.approx(area_m2 / projected / 4046.8564224, abs=0.006)
+    assert properties == {
         "IncidentName": "rock",
         "FeatureCategory": "Wildfire Daily Fire Perimeter",
         "MapMethod": "Modeled",
         "FeatureStatus": "Proposed",
-        "GISAcres": round(area_m2 / 4046.8564224, 2),
         "area_ha": round(area_m2 / 1e4, 2),
         "time_s": 15_000.0,
         "time_s_origin": "seconds after mission time 0, 2026-08-01T12:00:00+00:00",

@@ -13,6 +13,7 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
+from pyproj import Proj
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.rasters import read_landscape
@@ -103,7 +104,11 @@ def test_what_is_written_has_the_names_of_wfigs_and_is_honest() -> None:
     assert properties["IncidentName"] == "Jacks <& Boro"
     assert properties["FeatureCategory"] == "Wildfire Daily Fire Perimeter"
     assert (properties["MapMethod"], properties["FeatureStatus"]) == ("Modeled", "Proposed")
-    assert properties["GISAcres"] == pytest.approx(area.area / 4046.856, abs=0.01)
+    # The area on the ellipsoid; the map projection scales areas by this factor.
+    lat, lon = land().centre_lat_lon
+    projected = Proj(land().crs).get_factors(lon, lat).areal_scale
+    assert properties["GISAcres"] == pytest.approx(area.area / projected / 4046.856, abs=0.01)
+    assert properties["GISAcres"] != pytest.approx(area.area / 4046.856, abs=0.01)
     assert properties["PolygonDateTime"] == DRAWN_MS
     assert properties["CreateDate"] == properties["DateCurrent"] == WRITTEN_MS
     assert properties["IRWINID"] is None

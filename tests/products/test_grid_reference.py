@@ -1,0 +1,26 @@
+"""Names of the squares of the US National Grid."""
+
+import pytest
+
+from mission_service.products.grid_reference import grid_square, zone_of
+
+
+# Published squares: the Washington Monument is in 18S UJ, the Eiffel Tower in 31U DQ, the Sydney
+# Opera House in 56H LH.
+@pytest.mark.parametrize(
+    ("lat_deg", "lon_deg", "square"),
+    [
+        (38.889, -77.035, "18S UJ"),
+        (48.8583, 2.2945, "31U DQ"),
+        (-33.8568, 151.2153, "56H LH"),
+        (36.36, -84.14, "16S GF"),
+        (85.0, 0.0, ""),
+    ],
+)
+def test_a_square(lat_deg: float, lon_deg: float, square: str) -> None:
+    assert grid_square(lat_deg, lon_deg) == square
+
+
+def test_the_zone_at_the_date_line() -> None:
+    assert zone_of(10.0, 180.0).number == 1
+    assert zone_of(-10.0, -180.0).crs == "EPSG:32701"
