@@ -128,12 +128,19 @@ def products(
     SOURCE is a journal or the folder of a run, which may still be running. Equal journals give
     identical files.
     """
+    from mission_service.errors import RequestError
     from mission_service.products.journal_incident import incident_in
     from mission_service.products.write import write_products
     from mission_service.replay.flights.journal_log import journal_in
 
+    journal = journal_in(source)
+    if not journal.is_file():
+        raise RequestError(
+            f"{source}: contains no {journal.name}; give the folder or the journal of run, demo, "
+            "sim or replay"
+        )
     with results_in(out, "repeat the command") as made:
-        incident = incident_in(journal_in(source), at_s, 3600.0 * forecast_h, time_zero)
+        incident = incident_in(journal, at_s, 3600.0 * forecast_h, time_zero)
         files = write_products(made, incident)
     if as_json:
         click.echo(json.dumps({"acres": round(incident.acres, 2), "files": files}))
