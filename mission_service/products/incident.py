@@ -104,7 +104,9 @@ class Incident:
     def past_times_s(self) -> list[float]:
         """Return the hours of mission time at which fronts are drawn, and ``at_s``."""
         begun_s = float(self.arrival.arrival_s.min())
-        first = int(begun_s // HOUR_S) + 1 if begun_s < self.at_s else 0
+        if begun_s >= self.at_s:
+            return [self.at_s]
+        first = int(begun_s // HOUR_S) + 1
         whole = [hour * HOUR_S for hour in range(first, int(self.at_s // HOUR_S) + 1)]
         return [*(at_s for at_s in whole if 0.0 < at_s < self.at_s), self.at_s]
 

@@ -24,6 +24,8 @@ SCALES = (
     *(2_000, 4_000, 6_000, 8_000, 10_000, 12_000, 15_840, 20_000, 24_000, 31_680, 40_000, 50_000),
     *(63_360, 80_000, 100_000, 126_720, 200_000, 250_000, 500_000, 1_000_000, 2_000_000),
 )  # fmt: skip
+MAX_TITLE = 60  # characters that fit on the page
+FEW_ACRES = 100.0  # smaller areas are written with a decimal
 BAR_LENGTHS = (0.02, 0.05, 0.1, 0.2, 0.4, 1, 2, 4, 10, 20, 40, 100)  # km or miles
 AROUND = 1.12  # the map is larger than the fire and its forecast by this factor
 MIN_KM = 1.0
@@ -139,37 +141,40 @@ def _draw_fire(axes: Any, incident: Incident) -> list[Any]:
     """Draw the perimeter, earlier fronts and the forecast; return the entries of the legend."""
     land, now = incident.landscape, incident.area(incident.at_s)
     handles: list[Any] = []
+
+    def draw(areas: Sequence[Any], label: str, **style: Any) -> None:
+        drawn = [area for area in areas if not area.is_empty]
+        for area in drawn:
+            _add_area(axes, land, area, fill=False, **style)
+        if drawn:
+            line = {key: style[key] for key in ("linewidth", "linestyle") if key in style}
+            handles.append(Line2D([], [], color=style["edgecolor"], label=label, **line))
+
+    _add_area(axes, land, now, facecolor="#ff6d3a", alpha=0.28, edgecolor="none")
+    earlier = [incident.area(at_s) for at_s in incident.past_times_s()[:-1]]
+    draw(earlier, "Perimeter at earlier hours", edgecolor=EARLIER, linewidth=0.5)
+    draw([now], "Perimeter now", edgecolor=PERIMETER, linewidth=2.0)
+    ahead = {at_s: incident.area(at_s) for at_s in incident.forecast_times_s()}
+    label = "Forecast, each hour (median)"
+    draw(list(ahead.values()), label, edgecolor=AHEAD, linewidth=1.1, linestyle="--")
     if incident.probability is not None:
         end = f"{incident.when(_end_s(incident)):%H:%M}"
         for level, width in zip(LEVELS, (0.8, 1.2, 1.8), strict=True):
-            style: dict[str, Any] = {"edgecolor": LIKELY, "linewidth": width, "linestyle": ":"}
-            _add_area(axes, land, incident.likely_area(level), fill=False, **style)
             label = f"{100 * level:.0f} % probability of fire by {end}"
-            handles.append(Line2D([], [], color=LIKELY, linewidth=width, ls=":", label=label))
-    _add_area(axes, land, now, facecolor="#ff6d3a", alpha=0.28, edgecolor="none")
-    for at_s in incident.past_times_s()[:-1]:
-        _add_area(axes, land, incident.area(at_s), fill=False, edgecolor=EARLIER, linewidth=0.5)
-    _add_area(axes, land, now, fill=False, edgecolor=PERIMETER, linewidth=2.0)
-    middle = _km(land, np.array(now.centroid.coords or np.zeros((1, 2))))[0]
-    for at_s in incident.forecast_times_s():
-        area = incident.area(at_s)
-        _add_area(axes, land, area, fill=False, edgecolor=AHEAD, linewidth=1.1, linestyle="--")
-        _label_front(axes, _km(land, get_coordinates(area)), middle, f"{incident.when(at_s):%H:%M}")
-    first = [Line2D([], [], color=PERIMETER, linewidth=2.0, label="Perimeter now")]
-    if len(incident.past_times_s()) > 1:
-        first.append(Line2D([], [], color=EARLIER, linewidth=0.5, label="Earlier, each hour"))
-    if incident.forecast_s:
-        label = "Forecast, each hour (median)"
-        first.append(Line2D([], [], color=AHEAD, linewidth=1.1, ls="--", label=label))
-    return first + handles
+            style: dict[str, Any] = {"edgecolor": LIKELY, "linewidth": width, "linestyle": ":"}
+            draw([incident.likely_area(level)], label, **style)
+    for at_s, area in ahead.items():
+        if not area.is_empty:
+            middle = _km(land, np.array((area if now.is_empty else now).centroid.coords))[0]
+            points = _km(land, get_coordinates(area))
+            _label_front(axes, points, middle, f"{incident.when(at_s):%H:%M}")
+    return handles
 
 
 def _label_front(axes: Any, points: Floats, middle: Floats, text: str) -> None:
     """Write a time at the point (n, 2; km) of a forecast front farthest from the fire's middle."""
     from matplotlib.patheffects import withStroke
 
-    if not len(points):
-        return
     place = points[np.argmax(np.hypot(*(points - middle).T))]
     label = axes.annotate(
         text, place, fontsize=7, fontweight="bold", color=AHEAD, ha="center", va="center",
@@ -216,13 +221,15 @@ def _end_s(incident: Incident) -> float:
 def _write_title(figure: Figure, page: Page, incident: Incident) -> None:
     top = 1.0 - MARGIN_IN / page.height_in
     left = MARGIN_IN / page.width_in
+    name = incident.name
+    if len(name) > MAX_TITLE:
+        name = f"{name[: MAX_TITLE - 1]}…"
     kind = "Prescribed fire" if incident.prescribed else "Fire perimeter"
-    more = (
-        "" if not incident.forecast_s else f" and forecast to {incident.in_words(_end_s(incident))}"
-    )
-    figure.text(
-        left, top, incident.name, fontsize=18, fontweight="bold", va="top", parse_math=False
-    )
+    if incident.area(incident.at_s).is_empty:
+        kind = "No fire in the estimate"
+    end = incident.in_words(_end_s(incident))
+    more = f" and forecast to {end}" if incident.forecast_s else ""
+    figure.text(left, top, name, fontsize=18, fontweight="bold", va="top", parse_math=False)
     line = f"{kind} at {incident.in_words(incident.at_s)}{more}"
     figure.text(left, top - 0.33 / page.height_in, line, fontsize=9.5, va="top")
 
@@ -238,8 +245,9 @@ def _write_panel(
     left = 1.0 - (MARGIN_IN + PANEL_IN - 0.2) / page.width_in
     top = 1.0 - (MARGIN_IN + TITLE_IN + LABELS_IN) / page.height_in
     acres = incident.acres
-    figure.text(left, top, f"{acres:,.0f} acres", fontsize=17, fontweight="bold", va="top")
-    lines = [f"{acres * HA_PER_ACRE:,.0f} ha, geodesic (WGS84)", *_facts(incident)]
+    decimals = int(acres < FEW_ACRES)
+    figure.text(left, top, f"{acres:,.{decimals}f} acres", fontsize=17, fontweight="bold", va="top")
+    lines = [f"{acres * HA_PER_ACRE:,.{decimals}f} ha, geodesic (WGS84)", *_facts(incident)]
     body = figure.text(
         left, top - 0.33 / page.height_in, "\n".join(lines), fontsize=7.5, va="top",
         linespacing=1.35, parse_math=False,
