@@ -56,14 +56,13 @@ def add_class_styles(document: Element, layer: Layer) -> None:
         add_style(document, f"class{number}", line=(f"ff{colour}", "2"), fill=f"66{colour}")
 
 
-def add_style(document: Element, name: str, line: tuple[str, str], fill: str) -> Element:
-    """Add a style with a line (colour as aabbggrr, width in pixels) and a fill; return it."""
+def add_style(document: Element, name: str, line: tuple[str, str], fill: str) -> None:
+    """Add a style with a line (colour as aabbggrr, width in pixels) and a fill."""
     style = SubElement(document, "Style", {"id": name})
     of_line, of_fill = SubElement(style, "LineStyle"), SubElement(style, "PolyStyle")
     add_text(of_line, "color", line[0])
     add_text(of_line, "width", line[1])
     add_text(of_fill, "color", fill)
-    return style
 
 
 def kml_colour(colour: str) -> str:

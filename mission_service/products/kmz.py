@@ -81,8 +81,7 @@ def _add_styles(document: Element) -> None:
     ):
         add_style(document, name, (f"ff{kml_colour(colour)}", "2"), f"{alpha}{kml_colour(colour)}")
     for name, colour in (("source", HOT), ("drop", DROP)):
-        style = add_style(document, name, (f"ff{kml_colour(colour)}", "2"), "00000000")
-        icon = SubElement(style, "IconStyle")
+        icon = SubElement(SubElement(document, "Style", {"id": name}), "IconStyle")
         add_text(icon, "color", f"ff{kml_colour(colour)}")
         add_text(icon, "scale", "0.6")
         add_text(SubElement(icon, "Icon"), "href", CIRCLE)

@@ -151,9 +151,9 @@ def _draw_fire(axes: Any, incident: Incident) -> list[Any]:
             handles.append(Line2D([], [], color=style["edgecolor"], label=label, **line))
 
     _add_area(axes, land, now, facecolor="#ff6d3a", alpha=0.28, edgecolor="none")
+    draw([now], "Perimeter now", edgecolor=PERIMETER, linewidth=2.0)
     earlier = [incident.area(at_s) for at_s in incident.past_times_s()[:-1]]
     draw(earlier, "Perimeter at earlier hours", edgecolor=EARLIER, linewidth=0.5)
-    draw([now], "Perimeter now", edgecolor=PERIMETER, linewidth=2.0)
     ahead = {at_s: incident.area(at_s) for at_s in incident.forecast_times_s()}
     label = "Forecast, each hour (median)"
     draw(list(ahead.values()), label, edgecolor=AHEAD, linewidth=1.1, linestyle="--")

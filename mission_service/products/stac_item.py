@@ -59,7 +59,7 @@ def stac_item(incident: Incident, files: dict[str, str]) -> dict[str, Any]:
         "geometry": {"type": "Polygon", "coordinates": [ring]},
         "bbox": bounds,
         "properties": properties,
-        "links": [{"rel": "self", "href": "./stac-item.json", "type": "application/geo+json"}],
+        "links": [],
         "assets": assets,
     }
 
