@@ -95,7 +95,7 @@ class _Replay:
         """Yield each event with the commands that follow it."""
         event: AnyEvent | None = None
         commands: list[AnyCommand] = []
-        for _, entry in self._recorded.readable():
+        for _, entry in self._recorded.intact():
             if not entry.is_event:
                 commands.append(entry.content)  # type: ignore[arg-type]
                 continue

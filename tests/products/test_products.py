@@ -260,3 +260,31 @@ def test_products_of_an_earlier_time_without_a_forecast(run: Path, tmp_path: Pat
     layers = [name for name, _ in pyogrio.list_layers(tmp_path / "incident.gpkg")]
     assert layers[:2] == ["perimeter", "fronts"]
     assert "forecast_isochrones" not in layers
+
+
+def test_a_journal_that_still_grows_ends_with_its_last_whole_line(
+    run: Path, tmp_path: Path
+) -> None:
+    whole = (run / "journal.jsonl").read_bytes()
+    (tmp_path / "journal.jsonl").write_bytes(whole[: len(whole) // 2])
+    said = _products(tmp_path, tmp_path / "out", "--time-zero", ZERO, "--forecast", "0")
+    assert re.search(r"15:0\d EDT", said)
+
+
+def test_an_altered_journal_is_refused(run: Path, tmp_path: Path) -> None:
+    lines = (run / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    place = next(at for at, line in enumerate(lines) if b'"Observed"' in line and b"b" in line)
+    lines[place] = lines[place].replace(b'"hawk"', b'"hawl"', 1)
+    (tmp_path / "journal.jsonl").write_bytes(b"".join(lines))
+    arguments = ["products", str(tmp_path), "--out", str(tmp_path / "out"), "--time-zero", ZERO]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 1
+    assert f"line {place + 1} was altered" in done.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_without_a_journal_is_refused(tmp_path: Path) -> None:
+    arguments = ["products", str(tmp_path), "--out", str(tmp_path / "out"), "--time-zero", ZERO]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 1
+    assert "contains no journal.jsonl" in done.output
