@@ -25,14 +25,14 @@ LEVELS = (0.1, 0.5, 0.9)  # burn probabilities of the outlines
 HA_PER_ACRE = 0.40468564224
 
 
-class LogLine(NamedTuple):
+class InterpreterLine(NamedTuple):
     """A line of the interpreter's log at a mission time."""
 
     at_s: float
     text: str
 
 
-class Images(NamedTuple):
+class ImageTimes(NamedTuple):
     """The images of a run: their number, and the mission times of the first and the last one."""
 
     total: int
@@ -61,8 +61,8 @@ class Incident:
     fire: Fire | None
     heat: Heat
     record: RunStatistics
-    images: Images
-    log: Sequence[LogLine] = field(default_factory=list)
+    images: ImageTimes
+    log: Sequence[InterpreterLine] = field(default_factory=list)
 
     def when(self, at_s: float) -> datetime:
         """Return a mission time in the time zone of the landscape."""

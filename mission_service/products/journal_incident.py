@@ -16,7 +16,7 @@ from mission_service.fire.forecast import Arrival, forecast_once
 from mission_service.journal.reader import JournalReader
 from mission_service.operator_lines import operator_line
 from mission_service.products.heat import ObservedHeat
-from mission_service.products.incident import Images, Incident, LogLine
+from mission_service.products.incident import ImageTimes, Incident, InterpreterLine
 from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.run_statistics import RunStatistics
 
@@ -64,7 +64,7 @@ class _Replay:
         # Only the core of a burn has the estimate of the burn.
         self._core: Core | None = recorded.core() if self._scenario.burn_flown else None
         self._heat = ObservedHeat(self._landscape)
-        self._log: list[LogLine] = []
+        self._log: list[InterpreterLine] = []
         self._ensemble_due_us = start_us + round(ENSEMBLE_EVERY_S * 1e6)
 
     def incident(self, at_s: float | None, forecast_s: float, time_zero: datetime) -> Incident:
@@ -114,11 +114,11 @@ class _Replay:
         self._record.apply(event, commands)
         self._heat.apply(event)
         if line := operator_line(event):
-            self._log.append(LogLine(event.at_us / 1e6, line))
+            self._log.append(InterpreterLine(event.at_us / 1e6, line))
         for command in commands:
             if isinstance(command, Announce):
-                who = f"{command.vehicle}: " if command.vehicle else ""
-                self._log.append(LogLine(event.at_us / 1e6, f"{who}{command.text}"))
+                vehicle = f"{command.vehicle}: " if command.vehicle else ""
+                self._log.append(InterpreterLine(event.at_us / 1e6, f"{vehicle}{command.text}"))
         if event.at_us >= self._ensemble_due_us:
             self._ensemble_due_us = event.at_us + round(ENSEMBLE_EVERY_S * 1e6)
             self._estimate.advance(event.at_us)
@@ -130,7 +130,7 @@ class _Replay:
         of_burn = self._estimated_fire()
         arrival, probability = self._forecast(of_burn, at_s, forecast_s)
         heat = self._heat.heat(arrival.arrival_s, at_s)
-        images = Images(self._record.observations, self._heat.first_s, self._heat.last_s)
+        images = ImageTimes(self._record.observations, self._heat.first_s, self._heat.last_s)
         return Incident(
             name=self._scenario.name,
             landscape=self._landscape,

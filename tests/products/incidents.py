@@ -9,7 +9,7 @@ import numpy as np
 from firemodel.landscape.landscape import Landscape
 from mission_service.fire.forecast import Arrival
 from mission_service.products.heat import Heat
-from mission_service.products.incident import Images, Incident
+from mission_service.products.incident import ImageTimes, Incident
 from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.run_statistics import RunStatistics
 
@@ -55,6 +55,6 @@ def incident(landscape: Landscape | None = None, **changes: Any) -> Incident:
         fire=None,
         heat=Heat([], [], []),
         record=RunStatistics((), 0, ObservationSources(landscape, (), 0)),
-        images=Images(0, None, None),
+        images=ImageTimes(0, None, None),
     )
     return replace(found, **changes)

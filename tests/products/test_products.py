@@ -203,9 +203,9 @@ def test_the_pdf_carries_the_coordinates_of_its_frame(
 
 def test_the_map_states_what_a_briefing_needs(made: Path) -> None:
     text = PdfReader(made / "map-letter.pdf").pages[0].extract_text()
-    acres = round(_perimeter(made)["poly_GISAcres"])
+    acres = _perimeter(made)["poly_GISAcres"]
     for words in (
-        *(f"{acres:,} acres", "2026-08-01 15:30 EDT (19:30 UTC)", "UTM zone 16N", "16S GF"),
+        *(f"{acres:,.1f} acres", "2026-08-01 15:30 EDT (19:30 UTC)", "UTM zone 16N", "16S GF"),
         *("WGS84", "Scale 1:", "true north", "not approved", "10 % probability", "Fuel", "km"),
     ):
         assert words in text, words
@@ -254,8 +254,8 @@ def test_the_log_has_the_facts_of_an_interpreter(made: Path) -> None:
 
 
 def test_products_of_an_earlier_time_without_a_forecast(run: Path, tmp_path: Path) -> None:
-    said = _products(run, tmp_path, "--time-zero", ZERO, "--at", "3600", "--forecast", "0")
-    assert "2026-08-01 15:00 EDT" in said
+    output = _products(run, tmp_path, "--time-zero", ZERO, "--at", "3600", "--forecast", "0")
+    assert "2026-08-01 15:00 EDT" in output
     assert not (tmp_path / "burn_probability.tif").exists()
     layers = [name for name, _ in pyogrio.list_layers(tmp_path / "incident.gpkg")]
     assert layers[:2] == ["perimeter", "fronts"]
@@ -267,8 +267,8 @@ def test_a_journal_that_still_grows_ends_with_its_last_whole_line(
 ) -> None:
     whole = (run / "journal.jsonl").read_bytes()
     (tmp_path / "journal.jsonl").write_bytes(whole[: len(whole) // 2])
-    said = _products(tmp_path, tmp_path / "out", "--time-zero", ZERO, "--forecast", "0")
-    assert re.search(r"15:0\d EDT", said)
+    output = _products(tmp_path, tmp_path / "out", "--time-zero", ZERO, "--forecast", "0")
+    assert re.search(r"15:0\d EDT", output)
 
 
 def test_an_altered_journal_is_refused(run: Path, tmp_path: Path) -> None:
