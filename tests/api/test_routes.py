@@ -505,6 +505,45 @@ def test_the_journal_can_be_read_in_pieces(flying: World) -> None:
     asked(flying, ask)
 
 
+def test_the_products_are_a_zip_of_the_files_of_the_command(flying: World) -> None:
+    zero: dict[str, str | float] = {"time_zero": "2026-08-01T14:00-04:00", "forecast_h": 0.5}
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        undated = await http.get(f"{V1}/products.zip")
+        assert undated.status_code == 422
+        assert "time_zero" in undated.json()["error"]
+        for wrong in ("time_zero=2026-08-01T14:00", "time_zero=2026-08-01T18:00Z&forecast_h=7"):
+            assert (await http.get(f"{V1}/products.zip?{wrong}")).status_code == 422
+        made, refused = await asyncio.gather(
+            http.get(f"{V1}/products.zip", params=zero),
+            http.get(f"{V1}/products.zip", params=zero),
+        )
+        assert (made.status_code, refused.status_code) == (200, 503)
+        with zipfile.ZipFile(io.BytesIO(made.content)) as archive:
+            assert archive.testzip() is None
+            assert {"map-letter.pdf", "incident.kmz", "incident.gpkg"} <= set(archive.namelist())
+            log = archive.read("interpreter-log.txt").decode()
+        assert "2026-08-01 15:01" in log
+
+    asked(flying, ask)
+
+
+def test_products_of_a_damaged_journal_are_refused_with_the_line(
+    standing: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    damaged = standing.context.journal_path.with_name("damaged.jsonl")
+    whole = standing.context.journal_path.read_bytes()
+    damaged.write_bytes(whole + b'{"event":{"type":"Unknown"},"crc":"00000000"}\n')
+    monkeypatch.setattr(standing.context, "journal_path", damaged)
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        found = await http.get(f"{V1}/products.zip?time_zero=2026-08-01T18:00Z&forecast_h=0")
+        assert found.status_code == 422
+        assert "damaged.jsonl" in found.json()["error"]
+
+    asked(standing, ask)
+
+
 def test_lines_are_found_in_a_journal_that_grows_and_is_replaced(tmp_path: Path) -> None:
     path, lines = tmp_path / "journal.jsonl", JournalLines()
 

@@ -1,4 +1,4 @@
-"""Defines the routes of the journal: its current and its earlier segments."""
+"""Defines the routes of the journal: its segments, and the products made from it."""
 
 import asyncio
 import os
@@ -6,16 +6,23 @@ from collections.abc import AsyncIterator
 from functools import partial
 from typing import Annotated, BinaryIO
 
+import msgspec
 from fastapi import APIRouter, Query, Response
+from pydantic import AwareDatetime
 from starlette.responses import StreamingResponse
 
 from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.journal_lines import JournalLines
-from mission_service.interfaces.api.openapi import V1, route
+from mission_service.interfaces.api.openapi import V1, file, route
 from mission_service.interfaces.api.responses import ApiError
+from mission_service.interfaces.maps.products_worker import ProductsJob
 from mission_service.journal.journal_file import segment_path
+from mission_service.sensors.worker_process import command_of, end_of
 
-LINES = "application/x-ndjson"
+LINES, ZIP = "application/x-ndjson", "application/zip"
+WORKER = command_of("mission_service.interfaces.maps.products_worker")
+MADE_WITHIN_S = 300.0
+MAX_FORECAST_H = 6.0
 MAX_LINES, MAX_BYTES = 5000, 1 << 20
 PART_BYTES = 1 << 18
 LARGEST = 2**53
@@ -23,9 +30,14 @@ Segment = Annotated[
     int | None, Query(ge=1, le=LARGEST, description="Number of the segment; default: the newest.")
 ]
 
+TimeZero = Annotated[
+    AwareDatetime | None,
+    Query(description="Calendar time of mission time 0, if the scenario has no time_zero."),
+]
+
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add ``/journal`` and ``/journal/file``."""
+    """Add ``/journal``, ``/journal/file`` and ``/products.zip``."""
     journal = JournalLines()
     lines = {LINES: {"schema": {"type": "string"}, "example": '{"event":{},"crc":"00c0ffee"}\n'}}
 
@@ -43,23 +55,76 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         limit: Annotated[int, Query(ge=1, le=MAX_LINES)] = 500,
         segment: Segment = None,
     ) -> Response:
-        number, file = _opened(api, segment)
-        with file:
+        number, opened = _opened(api, segment)
+        with opened:
             found, last = await api.run_in_thread(
-                partial(journal.after, file, after, limit, MAX_BYTES)
+                partial(journal.after, opened, after, limit, MAX_BYTES)
             )
         headers = {"x-last-line": str(last), "x-segment": str(number)}
         return Response(found, headers=headers, media_type=LINES)
 
     @routes.get(f"{V1}/journal/file", **route("look", "A segment as a file.", lines))
     async def journal_file(segment: Segment = None) -> Response:
-        number, file = _opened(api, segment)
-        size = os.fstat(file.fileno()).st_size
+        number, opened = _opened(api, segment)
+        size = os.fstat(opened.fileno()).st_size
         headers = {
             "content-length": str(size),
             "content-disposition": f'attachment; filename="journal-{number:06d}.jsonl"',
         }
-        return StreamingResponse(_parts(file, size), headers=headers, media_type=LINES)
+        return StreamingResponse(_parts(opened, size), headers=headers, media_type=LINES)
+
+    making = asyncio.Lock()
+
+    @routes.get(
+        f"{V1}/products.zip",
+        **route(
+            "look",
+            "Maps, GIS files, KMZ and a log of the fire now, as by `mission-service products`.",
+            file(ZIP),
+        ),
+    )
+    async def products(
+        time_zero: TimeZero = None,
+        forecast_h: Annotated[float, Query(ge=0, le=MAX_FORECAST_H)] = 3.0,
+    ) -> Response:
+        if time_zero is None and api.context.scenario.time_zero is None:
+            raise ApiError(
+                422,
+                "the scenario has no time_zero; give time_zero, the calendar time of mission time "
+                "0 with its UTC offset, such as 2026-08-01T14:00-06:00",
+            )
+        if making.locked():
+            raise ApiError(503, "the products are being made already; repeat the request later")
+        job = ProductsJob(str(api.context.journal_path), 3600.0 * forecast_h, time_zero)
+        async with making:
+            content = await _made_in_process(job)
+        headers = {"content-disposition": 'attachment; filename="products.zip"'}
+        return Response(content, headers=headers, media_type=ZIP)
+
+
+async def _made_in_process(job: ProductsJob) -> bytes:
+    """Return the products as a zip file, made by another process. Raises ApiError 422."""
+    process = await asyncio.create_subprocess_exec(
+        *WORKER,
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        async with asyncio.timeout(MADE_WITHIN_S):
+            output, errors = await process.communicate(msgspec.msgpack.encode(job))
+    except TimeoutError:
+        text = f"the products take more than {MADE_WITHIN_S:g} s; give forecast_h=0"
+        raise ApiError(422, text) from None
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    if process.returncode != 0:
+        lines = errors.decode("utf-8", "replace").strip().splitlines()
+        ended = f"the process that makes the products ended with {end_of(process.returncode or 0)}"
+        raise ApiError(422, lines[-1] if process.returncode == 1 and lines else ended)
+    return output
 
 
 def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
