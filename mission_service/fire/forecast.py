@@ -17,7 +17,7 @@ from firemodel.spread.fire_scheme import StartArea
 from mission_service.fire.run_ensemble import RunEnsemble, processed
 from mission_service.fire.run_estimate import RunEstimate
 
-__all__ = ["LONGEST_S", "Arrival", "Forecasts"]
+__all__ = ["LONGEST_S", "Arrival", "Forecasts", "forecast_once"]
 
 # Lengths of forecasts; a request is rounded up to one of them.
 LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)
@@ -208,7 +208,8 @@ def forecast_once(estimate: RunEstimate, for_s: float) -> tuple[Arrival, Floats 
     end_s, forecast = now_s + for_s, None
     if for_s:
         after = processed(ensemble.processed, ensemble.inputs_until(now_s))
-        forecast = _forecast(after, now_s, end_s)
+        # Probabilities also depend on arrivals soon after the end.
+        forecast = _forecast(after, now_s, end_s + FURTHER_S)
     if forecast is not None:
         arrival_s = _joined(arrival_s, forecast, now_s)
     arrival = Arrival(now_s, end_s, arrival_s, 0, fire.start_area)

@@ -11,7 +11,7 @@ from firemodel.assimilation.fire_estimate import FireEstimate
 from firemodel.errors import FireModelError
 from mission_service.events import Observed, WindSet
 from mission_service.fire import forecast
-from mission_service.fire.forecast import Arrival, Forecasts
+from mission_service.fire.forecast import Arrival, Forecasts, forecast_once
 from mission_service.fire.run_ensemble import processed
 from mission_service.fire.run_estimate import RunEstimate
 from tests.maps.fires import NOW_S, estimated
@@ -90,6 +90,20 @@ def test_the_ensemble_is_the_same_however_its_inputs_are_divided() -> None:
     shares = [each.forecast(until_s).burn_probability(until_s) for each in (whole, parts)]
     assert np.array_equal(*shares)  # type: ignore[arg-type]
     assert begun.time_s == 0.0
+
+
+def test_a_forecast_without_an_event_loop_is_the_same() -> None:
+    estimate, twin = estimated(), estimated()
+    arrival, probability = forecast_once(twin, HOUR_S)
+    expected = ask(estimate, lambda forecasts: forecasts.arrival(NOW_S + HOUR_S))
+    ahead = expected.arrival_s <= NOW_S + HOUR_S
+    assert np.array_equal(arrival.arrival_s[ahead], expected.arrival_s[ahead])
+    shares = ask(estimate, lambda forecasts: forecasts.probability(NOW_S + HOUR_S))
+    assert probability is not None
+    assert np.array_equal(probability, shares)
+    now, nothing = forecast_once(twin, 0.0)
+    assert nothing is None
+    assert np.array_equal(now.arrival_s, twin.fire.expected_s())
 
 
 def test_members_agree_on_the_present_and_spread_in_the_future() -> None:
