@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from firemodel.arrays import Floats
-from firemodel.landscape.time_zone import time_zone_of
 from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.time_zone import time_zone_of
 from firemodel.outputs.event_polygon import geodesic_acres
 from firemodel.outputs.front_files import area_geometry
 from firemodel.spread.fire_scheme import Fire, StartArea, with_start
