@@ -9,7 +9,7 @@ MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/pan
 # The processes of tests share compiled modules, also where the environment turns this off.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test long lint kernels format clean mosquitto chromium web
+.PHONY: demo docs test long lint kernels format clean mosquitto chromium web
 
 .venv/ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -27,6 +27,10 @@ $(MAP): $(MAP_SOURCES) | .venv/ready
 
 demo: .venv/ready $(MAP)
 	$(BIN)/mission-service demo --out out
+
+# Builds the documentation, which "mission-service docs" serves and later wheels contain.
+docs: .venv/ready
+	$(BIN)/python -m docs.site.build
 
 # Many tests wait for real time, so that two cores serve more than two processes. If one of them ends,
 # xdist would wait forever for its tests.
@@ -75,4 +79,4 @@ format: .venv/ready
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf $(WEB)/dist $(WEB)/node_modules .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(WEB)/dist $(WEB)/node_modules mission_service/interfaces/manual/site.zip .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -7,6 +7,7 @@
     print(fire.burned_ha, fire.arrival_time_s.shape, fire.front(3600.0).wkt)
     firemodel.write_fronts(Path("fronts.geojson"), fire, [3600.0, 7200.0], "my fire")
 
+In a notebook a landscape, a fire or a front at the end of a cell is shown as a picture.
 Landscapes are read from files (``read_landscape``) or generated (``jacksboro``,
 ``flat_landscape``). ``SCHEMES`` lists the spread schemes. Each module is imported when one of its
 names is first used, so that ``import firemodel`` is fast.
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from firemodel.outputs.front_files import write_fronts
     from firemodel.outputs.geotiff import write_rasters
     from firemodel.outputs.netcdf import write_netcdf
+    from firemodel.outputs.xarray_datasets import from_xarray, to_xarray
     from firemodel.physics.fuels import FUEL_MODELS
     from firemodel.physics.weather import Weather, WeatherStream
     from firemodel.simulate import burn
@@ -48,10 +50,12 @@ _MODULES = {
     "burn": "firemodel.simulate",
     "draw_map": "firemodel.outputs.arrival_map",
     "flat_landscape": "firemodel.landscape.flat",
+    "from_xarray": "firemodel.outputs.xarray_datasets",
     "jacksboro": "firemodel.landscape.default",
     "read_landscape": "firemodel.landscape.readers.rasters",
     "read_shapes": "firemodel.landscape.readers.shapes",
     "read_weather": "firemodel.landscape.readers.weather_files",
+    "to_xarray": "firemodel.outputs.xarray_datasets",
     "with_barriers": "firemodel.landscape.rasterise",
     "write_fronts": "firemodel.outputs.front_files",
     "write_netcdf": "firemodel.outputs.netcdf",
@@ -71,10 +75,12 @@ __all__ = [
     "burn",
     "draw_map",
     "flat_landscape",
+    "from_xarray",
     "jacksboro",
     "read_landscape",
     "read_shapes",
     "read_weather",
+    "to_xarray",
     "with_barriers",
     "write_fronts",
     "write_netcdf",

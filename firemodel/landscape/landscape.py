@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.moisture_zones import MoistureZones, moisture_zones
+from firemodel.notebook_object import NotebookObject
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel, check_codes
 
 if TYPE_CHECKING:
@@ -168,7 +169,7 @@ def _projected(crs: str, lat_deg: float, lon_deg: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Landscape:
+class Landscape(NotebookObject):
     """A grid of square cells in a projected CRS in metres.
 
     ``west_m``, ``north_m`` are the coordinates of the outer north-west corner of cell (0, 0). The

@@ -2,5 +2,6 @@
 
 ``layer_legends`` defines the layers with their units, classes and colours. ``geotiff`` and
 ``netcdf`` write rasters, ``front_files`` writes fronts, ``qgis_style_files`` creates QGIS styles
-for these files, and ``arrival_map`` draws a PNG.
+for these files, and ``arrival_map`` draws a PNG. ``notebook_views`` shows landscapes and fires in
+notebooks, and ``xarray_datasets`` converts them to datasets of xarray and back.
 """

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats, Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
+from firemodel.notebook_object import NotebookObject
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.front import earliest_neighbour, front_polygons, multipolygon, neighbours_of
@@ -47,7 +48,7 @@ class Closing(NamedTuple):
     cells: NDArray[np.int64]  # (k) indices of flattened cells
 
 
-class Fire(ABC):
+class Fire(NotebookObject, ABC):
     """A burning fire; its time in seconds only increases.
 
     ``arrival_time_s`` (y, x), float64, is the ignition time of each cell; unburned cells have
@@ -173,7 +174,7 @@ class Fire(ABC):
         found.weather = WeatherStream([replace(each, at_s=at_s) for at_s, each in entries.items()])
         return found
 
-    def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most schemes are deterministic
+    def draw_from(self, rng: np.random.Generator) -> None:  # most schemes are deterministic
         """Use another generator for random draws from now on."""
 
     def expected_s(self) -> Floats:

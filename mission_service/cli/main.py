@@ -33,7 +33,7 @@ from mission_service.cli.options import (
 from mission_service.cli.output_folder import Interrupted, output_folder
 from mission_service.cli.plan_command import plan
 from mission_service.cli.replay_commands import replay
-from mission_service.cli.report_commands import products, report
+from mission_service.cli.report_commands import docs, products, report
 from mission_service.cli.request_commands import request
 from mission_service.cli.satellite_command import satellite_pixels
 from mission_service.cli.sortie_commands import sortie
@@ -86,7 +86,7 @@ def main() -> None:
 request.add_command(satellite_pixels)
 
 GROUPS = (fire, bench, mission, signing, lost_link, experiment, tune, burn, request, log)
-for command in (*GROUPS, mock, token, replay, report, products, observe, plan, sortie):
+for command in (*GROUPS, mock, token, replay, report, products, docs, observe, plan, sortie):
     main.add_command(command)
 
 

@@ -1,4 +1,4 @@
-"""Defines ``mission-service report`` (a page that compares runs) and ``products`` (maps, files).
+"""Defines ``report`` (a page that compares runs), ``products`` (maps, files) and ``docs``.
 
 Heavy modules are imported only when the command runs.
 """
@@ -149,3 +149,30 @@ def products(
             f"{incident.name}, {incident.in_words(incident.at_s)}: {incident.acres:,.0f} acres"
         )
         click.echo(f"{', '.join(files)} in {out}/")
+
+
+@click.command()
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    show_default="a free port",
+    help="Port on loopback.",
+)
+@click.option("--no-browser", is_flag=True, help="Print the address only.")
+def docs(port: int, no_browser: bool) -> None:
+    """Serve the documentation on this machine, without a network, until Ctrl-C."""
+    import contextlib
+    import tempfile
+    import webbrowser
+
+    from mission_service.interfaces.manual import LOOPBACK, site_server, unpack_site
+
+    with tempfile.TemporaryDirectory(prefix="mission-service-docs-") as made:
+        unpack_site(Path(made))
+        with site_server(port, Path(made)) as server, contextlib.suppress(KeyboardInterrupt):
+            address = f"http://{LOOPBACK}:{server.server_port}/"
+            click.echo(f"documentation: {address}")
+            if not no_browser:
+                webbrowser.open(address)
+            server.serve_forever()

@@ -1,4 +1,4 @@
-"""A planner of another package, as docs/planners.md describes it: installed, checked and flown."""
+"""The planner of docs/write-a-planner.md, in a package: installed, checked and flown."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from tests.patience import PATIENCE_S, wait_until
 from tests.service.test_live import free_port, mock
 
 ROOT = Path(__file__).parents[2]
-GUIDE = (ROOT / "docs" / "planners.md").read_text(encoding="utf-8")
+GUIDE = (ROOT / "docs" / "write-a-planner.md").read_text(encoding="utf-8")
 INHERITED = os.environ.get("PYTHONPATH", "")
 CLI = [sys.executable, "-m", "mission_service.cli"]
 FLOWN = ("start_s=3600", "deploy_at_s=3600", "duration_s=4050", "fire.scheme=devs8")
@@ -26,7 +26,7 @@ RULE = ("planner.rule=pendulum", "pendulum.turn_every_s=40", "pendulum.radius_m=
 
 def block(language: str, contains: str) -> str:
     """Return a block of code of the guide."""
-    found = re.findall(rf"^```{language}\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
+    found = re.findall(rf"^```{language}\b[^\n]*\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
     (one,) = (text for text in found if contains in text)
     return str(one)
 

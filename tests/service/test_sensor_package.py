@@ -1,4 +1,4 @@
-"""A sensor of another package, as docs/estimate.md describes it: installed, checked and used."""
+"""The sensor of docs/write-a-sensor.md, in a package: installed, checked and used."""
 
 import json
 import re
@@ -16,12 +16,12 @@ from mission_service.fire.sensors import Sensors
 from mission_service.replay.verification import verify
 from tests.api.worlds import World, world_in
 
-GUIDE = (Path(__file__).parents[2] / "docs" / "estimate.md").read_text(encoding="utf-8")
+GUIDE = (Path(__file__).parents[2] / "docs" / "write-a-sensor.md").read_text(encoding="utf-8")
 REAL_FIRE = ("deploy_at_s=600", "planner.rule=circling")
 
 
 def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
+    return re.findall(rf"^```{language}\b[^\n]*\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +33,8 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (module,) = (each for each in blocks("python") if "class Detector" in each)
     (folder / "detector.py").write_text(module, encoding="utf-8")
     (entry,) = (each for each in blocks("toml") if "mission_service.sensors" in each)
-    points = entry.replace('"', "").replace("project.entry-points.", "")
+    section = entry[entry.index("[project.entry-points") : entry.index("[tool")]
+    points = section.replace('"', "").replace("project.entry-points.", "")
     (info / "entry_points.txt").write_text(points, encoding="utf-8")
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: detector\nVersion: 1.0\n")
     monkeypatch.syspath_prepend(folder)

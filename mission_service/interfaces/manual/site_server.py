@@ -1,0 +1,63 @@
+"""Serves the built documentation site on loopback."""
+
+import shutil
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+from mission_service.errors import MissionServiceError
+
+SITE = Path(__file__).parent / "site.zip"
+LOOPBACK = "127.0.0.1"
+
+
+def unpack_site(folder: Path, site: Path = SITE) -> None:
+    """Unpack the built site into a folder.
+
+    Args:
+        folder: An existing folder.
+        site: The ZIP archive that ``make docs`` writes.
+
+    Raises:
+        MissionServiceError: The site was not built, or the archive is damaged.
+    """
+    if not site.is_file():
+        raise MissionServiceError(
+            f"{site}: the documentation was not built; run make docs in a checkout, or read the "
+            "folder docs of the repository"
+        )
+    try:
+        shutil.unpack_archive(site, folder)
+    except (shutil.ReadError, OSError) as error:
+        raise MissionServiceError(
+            f"{site}: cannot be unpacked: {error}; build it again with make docs"
+        ) from None
+
+
+def site_server(port: int, folder: Path) -> ThreadingHTTPServer:
+    """Return a server of the files in a folder, which listens on loopback.
+
+    Args:
+        port: The port to listen on; 0 selects a free port.
+        folder: The folder of the unpacked site.
+
+    Returns:
+        The server. ``serve_forever`` serves the site; ``server_port`` is the port.
+
+    Raises:
+        MissionServiceError: The port cannot be used.
+    """
+    try:
+        return ThreadingHTTPServer((LOOPBACK, port), partial(_Files, directory=str(folder)))
+    except OSError as error:
+        raise MissionServiceError(
+            f"{LOOPBACK}:{port}: cannot listen: {error.strerror}; give another --port"
+        ) from None
+
+
+class _Files(SimpleHTTPRequestHandler):
+    """Serves files; prints nothing for each request."""
+
+    def log_message(self, *_: Any) -> None:
+        """Print nothing."""
