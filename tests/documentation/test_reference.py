@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 import pytest
+from pydantic import BaseModel
 
 import autopilot_bridge
 import firemodel
@@ -57,7 +58,7 @@ def test_each_table_of_a_scenario_has_a_section_with_its_keys(made: dict[str, st
 
 
 def test_each_key_has_a_meaning_and_each_meaning_a_key() -> None:
-    models = [Scenario, ServiceSection]
+    models: list[type[BaseModel]] = [Scenario, ServiceSection]
     found = {each.__name__: each for root in models for each, _ in models_of(root, "")}
     missing, twice = [], []
     for name, model in found.items():
