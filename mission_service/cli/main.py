@@ -111,7 +111,7 @@ def demo(
 
     loaded, settings = load_run(scenario, overrides)
     if settings.http is None:  # the demo always serves a map
-        settings = settings.model_copy(update={"http": HttpSection(listen="127.0.0.1:0")})
+        settings = settings.model_copy(update={"http": HttpSection()})
     options = ReportOptions(**reporting)
     progress = options.progress()
     journal = output_folder(out) / "journal.jsonl"

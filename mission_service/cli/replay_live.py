@@ -96,15 +96,15 @@ def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "Repla
 
 
 def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection":
-    """Return the settings with a map at ``listen``, the configured address or a free port."""
+    """Return the settings with a map at ``listen``, or the configured or the default address."""
     from pydantic import ValidationError
 
     from mission_service.config.service_section import HttpSection
     from mission_service.errors import MissionServiceError
 
     section = {} if settings.http is None else settings.http.model_dump()
-    if listen is not None or settings.http is None:
-        section["listen"] = listen or "127.0.0.1:0"
+    if listen is not None:
+        section["listen"] = listen
     try:
         http = HttpSection.model_validate(section)
     except ValidationError as error:

@@ -16,12 +16,16 @@ from mission_service.config.section_base import NotNegative, Positive, Section
 from mission_service.config.sections import KEY_SOURCE
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
+DEFAULT_ADDRESS = "127.0.0.1:8765"
 
 
 class HttpSection(Section):
-    """The HTTP interface and the map; addresses other than loopback require tokens and TLS."""
+    """The HTTP interface and the map; addresses other than loopback require tokens and TLS.
 
-    listen: str = "127.0.0.1:8765"
+    Without ``listen``, the address is the default one, or a free port if that port is in use.
+    """
+
+    listen: str | None = None
     hosts: tuple[str, ...] = ()  # further names of this host in URLs
     tokens: Path | None = None
     tls_certificate: Path | None = None
@@ -29,7 +33,9 @@ class HttpSection(Section):
 
     @field_validator("listen")
     @classmethod
-    def _is_address(cls, listen: str) -> str:
+    def _is_address(cls, listen: str | None) -> str | None:
+        if listen is None:
+            return None
         found = re.fullmatch(r"([\w.-]+|\[[0-9a-fA-F:]+\]):(\d{1,5})", listen)
         if found is None or int(found[2]) > 65535:
             raise ValueError('write it as HOST:PORT, as in "127.0.0.1:8765"')
@@ -47,14 +53,19 @@ class HttpSection(Section):
         return self
 
     @property
+    def address(self) -> str:
+        """The address as HOST:PORT."""
+        return self.listen or DEFAULT_ADDRESS
+
+    @property
     def host(self) -> str:
-        """The address to listen on."""
-        return self.listen.rpartition(":")[0].strip("[]")
+        """The host to listen on."""
+        return self.address.rpartition(":")[0].strip("[]")
 
     @property
     def port(self) -> int:
         """The port to listen on; 0 selects a free port."""
-        return int(self.listen.rpartition(":")[2])
+        return int(self.address.rpartition(":")[2])
 
 
 class MqttSection(Section):
@@ -205,7 +216,7 @@ class JournalSection(Section):
 class ServiceSection(Section):
     """The interfaces, the journal and the shutdown of the daemon."""
 
-    http: HttpSection | None = None
+    http: HttpSection | None = HttpSection()  # the file states ``http = false`` for None
     mqtt: MqttSection | None = None
     cot: CotSection | None = None
     fire_arrival: FireArrivalSection | None = None
@@ -214,3 +225,10 @@ class ServiceSection(Section):
     # current position, or a return home.
     on_shutdown: Literal["leave", "hold", "return"] = "leave"
     shutdown_s: NotNegative = 5.0  # maximum wait for acknowledgements
+
+    @field_validator("http", mode="before")
+    @classmethod
+    def _false_is_none(cls, http: object) -> object:
+        if http is True:
+            raise ValueError("write false, or a table [service.http]")
+        return None if http is False else http

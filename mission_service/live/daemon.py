@@ -117,7 +117,13 @@ async def serve(
         # Open ports and control socket first: if one is in use, an earlier journal stays unchanged.
         listening = stack.enter_context(claimed(run.out / NAME))
         run_interfaces = interfaces_of(
-            run.settings, run.out, scenario.name, stack, address, run.logs
+            run.settings,
+            run.out,
+            scenario.name,
+            stack,
+            address,
+            run.logs,
+            announcements.show,
         )
         links = await open_links(
             stack,

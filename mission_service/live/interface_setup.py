@@ -27,10 +27,12 @@ def interfaces_of(
     stack: contextlib.AsyncExitStack,
     address: Callable[[str], None],
     logs: bool,
+    announce: Callable[[str, str], None] = lambda vehicle, text: None,
 ) -> list[RunInterface]:
     """Return the interfaces that the settings configure; other interfaces are not imported.
 
-    ``site`` is the name of the run in MQTT topics and Cursor on Target events.
+    ``site`` is the name of the run in MQTT topics and Cursor on Target events. ``announce``
+    receives ``"service"`` and a line if the map is not on its default port.
     """
     from mission_service.runtime.systemd_notify import pulse
 
@@ -44,6 +46,8 @@ def interfaces_of(
 
         run_interface = stack.enter_context(http_interface(settings.http, out))
         address(run_interface.address)
+        if run_interface.other_port_text:
+            announce("service", run_interface.other_port_text)
         run_interfaces.append(run_interface)
     if settings.mqtt is not None:
         from mission_service.interfaces.mqtt.publisher import mqtt_interface

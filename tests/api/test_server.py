@@ -51,6 +51,22 @@ def test_a_port_in_use_is_reported_in_one_line() -> None:
         pass
 
 
+def test_a_free_port_replaces_the_default_port_if_it_is_in_use(standing: World) -> None:
+    with contextlib.ExitStack() as stack:
+        section = HttpSection()
+        with contextlib.suppress(MissionServiceError):  # another process may use this port
+            stack.enter_context(bound(HttpSection(listen=section.address)))
+        found = stack.enter_context(http_interface(section, standing.context.out))
+        host, port = found.listening.getsockname()
+        assert host == "127.0.0.1"
+        assert port != section.port
+        assert f":{port}/#token=" in found.address
+        words = f"port {section.port} is in use, perhaps by another service: the map is on port"
+        assert found.other_port_text == f"{words} {port}"
+        anywhere = stack.enter_context(http_interface(ANY, standing.context.out))
+        assert anywhere.other_port_text == ""
+
+
 def test_an_interface_makes_its_token_and_serves_until_cancelled(standing: World) -> None:
     async def go() -> None:
         with http_interface(ANY, standing.context.out) as run_interface:

@@ -182,6 +182,7 @@ def test_a_blocked_event_loop_raises_an_alarm_until_it_is_in_time(state_view: St
         (('service.mqtt.password="hunter2"',), 'give the source of the password, as "file:PATH"'),
         (("service.journal.rotate_mb=0",), "service.journal.rotate_mb"),
         (("service.http.port=1",), "service.http.port: unknown key"),
+        (("service.http=true",), "service.http: write false, or a table [service.http]"),
     ],
 )
 def test_settings_of_the_service_are_checked(overrides: tuple[str, ...], words: str) -> None:
@@ -189,6 +190,18 @@ def test_settings_of_the_service_are_checked(overrides: tuple[str, ...], words: 
         load_run("demo", overrides)
     assert words in str(error.value)
     assert "hunter2" not in str(error.value)
+
+
+def test_the_map_is_on_loopback_by_default_and_can_be_disabled() -> None:
+    for overrides in ((), ("service.on_shutdown=hold",), ('service.http.hosts=["fire.example"]',)):
+        http = load_run("default", overrides)[1].http
+        assert http is not None
+        assert http.listen is None
+        assert (http.host, http.port) == ("127.0.0.1", 8765)
+    given = load_run("default", ('service.http.listen="127.0.0.1:8765"',))[1].http
+    assert given is not None
+    assert given.listen is not None
+    assert load_run("default", ("service.http=false",))[1].http is None
 
 
 def test_settings_are_no_part_of_the_scenario(tmp_path: Path) -> None:

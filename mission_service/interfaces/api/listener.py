@@ -25,6 +25,18 @@ class HttpListener:
     tokens: Tokens
     tls: ssl.SSLContext | None
     address: str
+    wanted_port: int
+
+    @property
+    def other_port_text(self) -> str:
+        """A line for the operator if the port is not the configured one, otherwise ``""``."""
+        port = self.listening.getsockname()[1]
+        if self.wanted_port in (0, port):
+            return ""
+        return (
+            f"port {self.wanted_port} is in use, perhaps by another service: the map is on port "
+            f"{port}"
+        )
 
     async def __call__(self, context: RunContext) -> None:
         """Serve until cancelled; the shutdown takes at most two seconds."""
@@ -42,7 +54,7 @@ def http_interface(section: HttpSection, out: Path) -> Iterator[HttpListener]:
     with bound(section) as listening:
         address = url_of(section, listening)
         if section.tokens is not None:
-            yield HttpListener(listening, Tokens.of_file(section.tokens), tls, f"{address}/")
+            tokens, address = Tokens.of_file(section.tokens), f"{address}/"
         else:
-            address = f"{address}/#token={own_token(out)}"
-            yield HttpListener(listening, Tokens.of_run(out), tls, address)
+            tokens, address = Tokens.of_run(out), f"{address}/#token={own_token(out)}"
+        yield HttpListener(listening, tokens, tls, address, section.port)

@@ -41,23 +41,38 @@ SEND_BUFFER_BYTES = 128 * 1024  # a larger buffer of the kernel would store outd
 
 @contextlib.contextmanager
 def bound(section: HttpSection) -> Iterator[socket.socket]:
-    """Open a listening socket. Raises MissionServiceError if the port cannot be used."""
+    """Open a listening socket; instead of the default port, if it is in use, on a free port.
+
+    Raises MissionServiceError if the address cannot be used.
+    """
+    try:
+        listening = _listening_on(section, section.port)
+    except OSError as error:
+        why, in_use = error.strerror or str(error), error.errno == errno.EADDRINUSE
+        if in_use and section.listen is None:
+            listening = _listening_on(section, 0)
+        else:
+            if in_use:
+                why = "the port is in use, perhaps by another service; change it in [service.http]"
+            raise MissionServiceError(f"HTTP on {section.address}: {why}") from None
+    with listening:
+        yield listening
+
+
+def _listening_on(section: HttpSection, port: int) -> socket.socket:
+    """Return a listening socket. Raises OSError."""
     family = socket.AF_INET6 if ":" in section.host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        listening.bind((section.host, section.port))
+        listening.bind((section.host, port))
         listening.listen(128)
         listening.setblocking(False)
-    except OSError as error:
+    except OSError:
         listening.close()
-        why = error.strerror or str(error)
-        if error.errno == errno.EADDRINUSE:
-            why = "the port is in use, perhaps by another service; change it in [service.http]"
-        raise MissionServiceError(f"HTTP on {section.listen}: {why}") from None
-    with listening:
-        yield listening
+        raise
+    return listening
 
 
 def url_of(section: HttpSection, listening: socket.socket) -> str:
