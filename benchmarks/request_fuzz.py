@@ -209,6 +209,8 @@ class RequestGenerator:
                 return str(rng.choice(["ann", "cy", " d ", "e" * 80]))
             case "volume":
                 return str(rng.choice(["ann", "cy", "no such volume", "", ""]))
+            case "text":
+                return str(rng.choice(["gate locked", " ", "é" * 200]))
             case "override":
                 return str(rng.choice(["the monitor is not calibrated", "", "", " "]))
             case "source":

@@ -583,6 +583,14 @@ class Rejected(OperatorEvent, frozen=True, tag=True):
     plan_hash: str
 
 
+class NoteAdded(OperatorEvent, frozen=True, tag=True):
+    """A note about a place; it changes neither the fire nor a vehicle."""
+
+    text: str
+    lat_deg: Latitude
+    lon_deg: Longitude
+
+
 class AirspaceClosed(OperatorEvent, frozen=True, tag=True):
     """A volume of airspace is closed to all vehicles from now on.
 
@@ -744,6 +752,7 @@ AnyOperatorEvent = (
     | Approved
     | Rejected
     | Aborted
+    | NoteAdded
     | AirspaceClosed
     | AirspaceOpened
     | ClearingOrdered

@@ -1,4 +1,4 @@
-"""Describes operators' changes of the fire and of settings in one line, for logs. Pure."""
+"""Describes operators' changes of the fire and of settings, and notes, in one line. Pure."""
 
 from mission_service import events
 
@@ -6,7 +6,7 @@ SHAPES = {"point": "point", "line": "line", "polygon": "area"}
 
 
 def operator_line(event: events.AnyEvent) -> str:
-    """Return what an operator changed, with the author; "" for all other events."""
+    """Return what an operator changed or noted, with the author; "" for all other events."""
     if not isinstance(event, events.OperatorEvent):
         return ""
     by = event.by or "an operator"
@@ -22,6 +22,9 @@ def operator_line(event: events.AnyEvent) -> str:
             return f"{by} restores the last undone correction"
         case events.WindSet():
             return f"{by} sets the wind: {event.speed_m_s:.1f} m/s from {event.from_deg:.0f}°"
+        case events.NoteAdded():
+            place = f"{event.lat_deg:.5f}, {event.lon_deg:.5f}"
+            return f"{by} notes at {place}: {event.text}"
         case events.SettingsChanged():
             values = [f"{name} = {value:g}" for name, value in event.given.items()]
             return f"{by} changes settings: {', '.join(values)}"

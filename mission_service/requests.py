@@ -370,6 +370,24 @@ class Wind(FireRequest, frozen=True):
     from_deg: Annotated[float, Meta(ge=0, le=360)]
 
 
+class Note(Request, frozen=True):
+    """Add a note about a place to the log and to the map."""
+
+    makes = events.NoteAdded
+    role = "correct"
+    path = "/{do}s"
+    example: ClassVar = {"text": "gate locked, key at the office", **PLACE}
+
+    text: Annotated[str, Meta(max_length=200, pattern=NAME)]
+    lat_deg: Latitude
+    lon_deg: Longitude
+
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
+        """Return the event ``NoteAdded``."""
+        place = self.lat_deg, self.lon_deg
+        return events.NoteAdded(*self.user(at_us), self.text.strip(), *place)
+
+
 class Close(Request, frozen=True):
     """Close a volume of airspace: no vehicle may enter it, and vehicles inside leave it."""
 
@@ -638,7 +656,7 @@ class Replay(Request, frozen=True):
 
 
 OF_EVERY_RUN = (
-    *(Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Present),
+    *(Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Note, Present),
     *(Close, Open, Clear, CancelClearing),
 )
 OF_VEHICLES = (

@@ -216,11 +216,14 @@ class Announcement(msgspec.Struct, tag="event/1", tag_field="schema"):
     text: str
 
 
-RecordKind = Literal["fire", "settings", "mission", "alarm"]
+RecordKind = Literal["fire", "settings", "note", "mission", "alarm"]
 
 
 class Record(msgspec.Struct, tag="record/1", tag_field="schema"):
-    """A line of the log that is not announced: a correction of the fire, a mission, an alarm."""
+    """A line of the log that is not announced: a correction of the fire, a mission, an alarm.
+
+    ``note`` is the text of an operator's note about the place ``lat_deg``, ``lon_deg``.
+    """
 
     id: int
     at_us: int
@@ -228,6 +231,9 @@ class Record(msgspec.Struct, tag="record/1", tag_field="schema"):
     level: str
     text: str
     kind: RecordKind
+    note: str = ""
+    lat_deg: float | None = None
+    lon_deg: float | None = None
 
 
 SourceKind = Literal["camera", "sensor", "detector", "person"]

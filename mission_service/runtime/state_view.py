@@ -56,6 +56,7 @@ from mission_service.events import (
     LinksReported,
     MissionProgress,
     MissionRefused,
+    NoteAdded,
     ModeChanged,
     Observed,
     OperatorEvent,
@@ -187,7 +188,9 @@ class StateView(Notices):
         if isinstance(event, OperatorEvent):
             self._asked(event, questioned(commands))
             line = operator_line(event)
-            if line:
+            if isinstance(event, NoteAdded):
+                self._record("note", "", line, note=event)
+            elif line:
                 kind: RecordKind = "settings" if isinstance(event, SettingsChanged) else "fire"
                 self._record(kind, "", line)
         elif event.vehicle in self.vehicles:
@@ -257,7 +260,7 @@ class StateView(Notices):
 
     def _asked(self, event: AnyOperatorEvent, not_ordered: set[str]) -> None:
         """Process a request; orders to the vehicles ``not_ordered`` were refused or are pending."""
-        if isinstance(event, OperatorHeartbeat):
+        if isinstance(event, OperatorHeartbeat | NoteAdded):
             return
         of_airspace = isinstance(event, OF_AIRSPACE)
         self._touch("airspace" if of_airspace else "burn")

@@ -702,16 +702,25 @@ def test_the_log_names_the_author_of_each_change(tmp_path: Path) -> None:
         await posted(http, "/fire/undo", by="Bob")
         await posted(http, "/wind", speed_m_s=3.0, from_deg=90.0, by="Ann")
         await http.patch(f"{V1}/planner", json={"alpha": 1.5, "by": "Cem"})
+        note = {"text": "gate locked", "lat_deg": SQUARE[0][0], "lon_deg": SQUARE[0][1]}
+        await posted(http, "/notes", **note, by="Eve")
+        lines = await got(http, f"/records?after={before}")
         found = [
             (each["kind"], each["text"])
-            for each in await got(http, f"/records?after={before}")
-            if each["kind"] in ("fire", "settings")
+            for each in lines
+            if each["kind"] in ("fire", "settings", "note")
         ]
+        assert (lines[-1]["note"], lines[-1]["lat_deg"], lines[-1]["lon_deg"]) == (
+            *("gate locked", *SQUARE[0]),
+        )
+        off = await http.post(f"{V1}/notes", json={**note, "lat_deg": 10.0, "by": "Eve"})
+        assert (off.status_code, "is outside the landscape" in off.text) == (422, True)
         assert found == [
             ("fire", "Ann draws a burned point, for 10 min earlier"),
             ("fire", "Bob undoes the last correction"),
             ("fire", "Ann sets the wind: 3.0 m/s from 90°"),
             ("settings", "Cem changes settings: alpha = 1.5"),
+            ("note", f"Eve notes at {SQUARE[0][0]:.5f}, {SQUARE[0][1]:.5f}: gate locked"),
         ]
         missions = [each for each in await got(http, "/records") if each["kind"] == "mission"]
         assert missions

@@ -36,6 +36,7 @@ from mission_service.events import (
     MissionAccepted,
     MissionRefused,
     MissionRequested,
+    NoteAdded,
     OperatorHeartbeat,
     OrderGiven,
     PersonReported,
@@ -132,6 +133,10 @@ GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
     (
         {"do": "takeoff", "vehicle": "hawk", "override": " calibrating "},
         OrderGiven(*EVENT, "hawk", "takeoff", override="calibrating"),
+    ),
+    (
+        {"do": "note", "text": " gate locked ", "lat_deg": 36, "lon_deg": -84},
+        NoteAdded(*EVENT, "gate locked", 36.0, -84.0),
     ),
     ({"do": "undo"}, Undone(*EVENT)),
     ({"do": "redo"}, Redone(*EVENT)),

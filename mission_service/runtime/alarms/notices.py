@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Mapping
 
 from mission_service.commands import Severity
+from mission_service.events import NoteAdded
 from mission_service.runtime.published_states import Alarm, Announcement, Record, RecordKind
 from mission_service.runtime.run_statistics import RunStatistics
 
@@ -71,10 +72,20 @@ class Notices:
         )
         self._touch("announcements")
 
-    def _record(self, kind: RecordKind, vehicle: str, text: str, level: str = "info") -> None:
+    def _record(
+        self,
+        kind: RecordKind,
+        vehicle: str,
+        text: str,
+        level: str = "info",
+        note: NoteAdded | None = None,
+    ) -> None:
         """Add a line to the log without an announcement."""
         self._touch("records")  # the id is the version of the change
-        self.records.append(Record(self.version, self.at_us, vehicle, level, text, kind))
+        line = Record(self.version, self.at_us, vehicle, level, text, kind)
+        if note is not None:
+            line.note, line.lat_deg, line.lon_deg = note.text, note.lat_deg, note.lon_deg
+        self.records.append(line)
 
     def _warn(self, key: str, text: str) -> None:
         """Raise an alarm about the fire and announce it."""
