@@ -1,6 +1,7 @@
 """Roles, origins and rate limits of every route."""
 
 import asyncio
+import gzip
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -271,6 +272,30 @@ def test_every_answer_has_the_headers_that_browsers_obey(flying: World) -> None:
             assert response["cache-control"] == expected
 
     asked(flying, ask)
+
+
+def test_the_page_is_sent_compressed_to_clients_that_accept_it(
+    flying: World, tmp_path: Path
+) -> None:
+    for name in ("index.html", "map.js", "plain.css"):
+        (tmp_path / name).write_text("a" * 5000)
+    for name in ("index.html", "map.js"):
+        (tmp_path / f"{name}.gz").write_bytes(gzip.compress(b"a" * 5000))
+
+    async def go() -> None:
+        async with client(served(flying, page=tmp_path).app) as http:
+            for path, kind in (("/", "text/html"), ("/map.js", "text/javascript")):
+                found = await http.get(path)
+                assert found.text == "a" * 5000
+                assert found.headers["content-encoding"] == "gzip"
+                assert found.headers["content-type"].startswith(kind)
+                assert int(found.headers["content-length"]) < 100
+                plain = await http.get(path, headers={"accept-encoding": "identity"})
+                assert plain.text == "a" * 5000
+                assert "content-encoding" not in plain.headers
+            assert "content-encoding" not in (await http.get("/plain.css")).headers
+
+    asyncio.run(go())
 
 
 def test_the_page_is_everybodys_and_hides_no_route(flying: World, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from mission_service.events import LinkLost
 from tests.api.worlds import scenario_of, world_in
 from tests.web import browser as screen
 from tests.web.browser import page_of
-from tests.web.test_map import assert_readable
+from tests.web.readability import assert_readable
 from tests.web.virtual_flight import Site, site_of
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card

@@ -10,8 +10,8 @@ from tests.flights.replays import Replay, replayed
 from tests.flights.worlds import journal_in
 from tests.web import browser as screen
 from tests.web.browser import page_of
+from tests.web.readability import small_targets, weak_texts
 from tests.web.service import wait_for
-from tests.web.test_map import small_targets, weak_texts
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card
 

@@ -16,8 +16,8 @@ from mission_service.runtime.observation_sources import SILENT_S
 from tests.api.worlds import scenario_of, world_in
 from tests.web import browser as screen
 from tests.web.browser import page_of
+from tests.web.readability import assert_readable
 from tests.web.service import wait_for
-from tests.web.test_map import assert_readable
 from tests.web.virtual_flight import Site, site_of
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card

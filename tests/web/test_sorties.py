@@ -18,7 +18,7 @@ from tests.api.worlds import scenario_of, world_in
 from tests.service.relief_flights import relief_scenario
 from tests.web import browser as screen
 from tests.web.browser import page_of
-from tests.web.test_map import assert_readable, weak_texts
+from tests.web.readability import assert_readable, weak_texts
 from tests.web.virtual_flight import Site, site_of
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card

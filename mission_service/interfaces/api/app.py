@@ -10,6 +10,7 @@ import msgspec
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
+from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
@@ -227,10 +228,25 @@ def _methods(app: FastAPI, path: str) -> list[str]:
     return sorted(set().union(*found))
 
 
+class PageFiles(StaticFiles):
+    """The files of the page; clients that accept gzip receive the copy ``NAME.gz``, if any."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Return the response for a file."""
+        accepted = Headers(scope=scope).get("accept-encoding", "")
+        name = "index.html" if path == "." else path
+        if "gzip" not in accepted or not self.lookup_path(f"{name}.gz")[1]:
+            return await super().get_response(path, scope)
+        response = await super().get_response(f"{name}.gz", scope)
+        response.headers["content-encoding"] = "gzip"
+        response.headers["vary"] = "Accept-Encoding"
+        return response
+
+
 def _serve_page(app: FastAPI, page: Path) -> None:
     """Serve the page for all paths without a route; a wrong method for a route returns 405."""
     if page.is_dir():
-        files = StaticFiles(directory=page, html=True)
+        files = PageFiles(directory=page, html=True)
 
         async def file_or_no_route(scope: Scope, receive: Receive, send: Send) -> None:
             if scope["path"].startswith(V1.rpartition("/")[0]):

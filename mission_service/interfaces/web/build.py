@@ -3,6 +3,7 @@
 The Makefile and hatch (``hatch_build.py``) use this module.
 """
 
+import gzip
 import importlib.util
 import os
 import re
@@ -46,6 +47,15 @@ def build_map() -> None:
         if done.returncode != 0:
             last = "\n".join(done.stdout.strip().splitlines()[-15:])
             raise MapError(f"the map was not built: npm {arguments[0]} failed in {WEB}:\n{last}")
+    _compress(PAGE.parent)
+
+
+def _compress(folder: Path) -> None:
+    """Write a compressed copy ``NAME.gz`` of each text file of the page."""
+    for path in sorted(folder.rglob("*")):
+        if path.suffix in (".html", ".js", ".css", ".svg"):
+            copy = gzip.compress(path.read_bytes(), mtime=0)
+            path.with_name(f"{path.name}.gz").write_bytes(copy)
 
 
 def _npm_from_pypi() -> tuple[list[str], str]:

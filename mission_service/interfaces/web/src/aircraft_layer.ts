@@ -4,13 +4,14 @@ import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
 import { coalesced } from "./coalesce.ts";
 import { pointAt } from "./geo.ts";
 import { collection, empty, feature, type Group, iconLayer, type Layers, line, lineLayer, point, show } from "./map.ts";
+import { PALETTE } from "./palette.ts";
 import type { Store } from "./store.ts";
 import type { Aircraft, LonLat } from "./types.ts";
-import { feet } from "./units.ts";
+import { difference } from "./units.ts";
 
 const EVERY_MS = 300;
 const AHEAD_S = 60;
-const COLOURS = { none: "#455a64", preventive: "#8a6d00", corrective: "#d84315", warning: "#c40000" };
+const COLOURS = PALETTE.aircraft;
 const URGENCY = ["warning", "corrective", "preventive", "none"]; // labels of the first are drawn first
 const COLOUR: ExpressionSpecification = ["get", "colour"];
 
@@ -52,11 +53,10 @@ function mark(each: Aircraft): GeoJSON.Feature {
 
 /** The name, the height above or below the vehicle, climb or descent, and the alert. */
 export function labelOf(each: Aircraft): string {
-  const [sign, height] = [each.above_m < 0 ? "−" : "+", Math.abs(each.above_m)];
   const trend = each.climb_m_s > 1 ? " ↑" : each.climb_m_s < -1 ? " ↓" : "";
   const lines = [
     each.callsign || each.aircraft,
-    `${sign}${height.toFixed(0)} m (${sign}${feet(height).toFixed(0)} ft)${trend}`,
+    `${difference(each.above_m)}${trend}`,
   ];
   if (each.alert !== "none") lines.push(`${each.alert.toUpperCase()} for ${each.vehicle}`);
   return lines.join("\n");

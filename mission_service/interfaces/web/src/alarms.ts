@@ -2,6 +2,7 @@
 // sound every few seconds; for them muting lasts two minutes. The page raises two alarms itself: lost
 // service and old data.
 
+import { createElement, Volume2, VolumeX } from "lucide";
 import { byId, fill, h, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
 import { beep, canSound, readySound } from "./sound.ts";
@@ -122,7 +123,8 @@ export class Alarms {
     if (this.muted) this.nameButton();
   }
 
-  private mayBeep(severe: boolean): boolean {
+  /** Whether a sound is permitted now. */
+  mayBeep(severe: boolean): boolean {
     if (this.store.state?.replay) return false; // the alarms are of the logged flight
     return !this.muted || (severe && performance.now() - this.mutedAt > MUTED_MS);
   }
@@ -136,7 +138,11 @@ export class Alarms {
   private nameButton(): void {
     const severeOnly = this.muted && performance.now() - this.mutedAt > MUTED_MS;
     const mode = !canSound() ? "Sound off: press" : !this.muted ? "Sound on" : severeOnly ? "Severe only" : "Muted 2 min";
-    setText(this.button, mode);
+    if (this.button.dataset.mode !== mode) {
+      this.button.dataset.mode = mode;
+      const icon = canSound() && !this.muted ? Volume2 : VolumeX;
+      fill(this.button, createElement(icon, { "aria-hidden": "true" }), h("span", {}, mode));
+    }
     this.button.title = "Mute alarms (M); severe alarms sound again after two minutes";
     this.button.setAttribute("aria-pressed", String(this.muted));
   }

@@ -4,12 +4,11 @@ import { byId, fill, h } from "./dom.ts";
 import { allShortcuts } from "./keys.ts";
 import { keepToken } from "./token.ts";
 
-/** Close the list of keys; return whether it was open. */
+/** Close the list of keys and the display settings; return whether one was open. */
 export function closeHelp(): boolean {
-  const help = byId("help") as HTMLDialogElement;
-  const was = help.open;
-  help.close();
-  return was;
+  const open = ["help", "display"].map((id) => byId(id) as HTMLDialogElement).filter((dialog) => dialog.open);
+  for (const dialog of open) dialog.close();
+  return open.length > 0;
 }
 
 /** Show the dialog for the token; call `entered` after its input. */
@@ -56,6 +55,35 @@ export function confirmed(text: string): Promise<boolean> {
     };
     question.show(); // not modal: the abort button remains accessible
     no.focus();
+  });
+}
+
+/** Ask for a line of text; return it, or "" if the question is closed without one. */
+export function entered(label: string): Promise<string> {
+  const question = byId("question") as HTMLDialogElement;
+  const MAX_LENGTH = 200; // the limit of the service
+  unanswered(false);
+  return new Promise((answer) => {
+    const end = (yes: boolean): void => {
+      unanswered = () => undefined;
+      question.close();
+      answer(yes ? field.value.trim() : "");
+    };
+    unanswered = end;
+    const field = h("input", { type: "text", id: "entered", maxlength: MAX_LENGTH, autocomplete: "off", required: true });
+    const cancel = h("button", { type: "button", onclick: () => end(false) }, "Cancel");
+    const form = h("form", { method: "dialog" }, h("label", { for: "entered" }, label), field,
+      h("div", { class: "row" }, cancel, h("button", { class: "primary" }, "Add")));
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      end(true);
+    });
+    question.onkeydown = (event) => {
+      if (event.key === "Escape") end(false);
+    };
+    fill(question, form);
+    question.show(); // not modal: the abort button remains accessible
+    field.focus();
   });
 }
 

@@ -7,6 +7,7 @@ import {
   circleLayer, collection, empty, feature, fillLayer, type Group, labelLayer,
   type Layers, line, lineLayer, point, show,
 } from "./map.ts";
+import { PALETTE } from "./palette.ts";
 import { COLOURS } from "./pens.ts";
 import type { Store } from "./store.ts";
 import type { Correction, LonLat } from "./types.ts";
@@ -39,7 +40,7 @@ export const fireLayers: Layers = {
       "text-size": 14,
     }),
     fillLayer("front-now", "front-now", { "fill-color": "#d7301f", "fill-opacity": 0.42 }),
-    lineLayer("front-now-line", "front-now", { "line-color": "#8b0000", "line-width": 3 }),
+    lineLayer("front-now-line", "front-now", { "line-color": PALETTE.fire.now, "line-width": 3 }),
     lineLayer("contours", "contours", { "line-color": "#7a3b00", "line-width": 2.5, "line-dasharray": [3, 2] }, HIDDEN),
     labelLayer("contours-name", "contours", "#4a2400", {
       visibility: "none", "symbol-placement": "line",
@@ -47,7 +48,7 @@ export const fireLayers: Layers = {
       "text-size": 14,
     }),
     fillLayer("front-then", "front-then", { "fill-color": "#ff8c00", "fill-opacity": 0.25 }),
-    lineLayer("front-then-line", "front-then", { "line-color": "#b34700", "line-width": 3, "line-dasharray": [2, 1] }),
+    lineLayer("front-then-line", "front-then", { "line-color": PALETTE.fire.then, "line-width": 3, "line-dasharray": [2, 1] }),
     fillLayer("corrections-area", "corrections", { "fill-color": stateColour(), "fill-opacity": 0.15 },
       { filter: ["==", ["geometry-type"], "Polygon"] }),
     lineLayer("corrections-line", "corrections", { "line-color": stateColour(), "line-width": 3 },
@@ -59,7 +60,7 @@ export const fireLayers: Layers = {
       "circle-stroke-width": 2,
     }, { filter: ["==", ["geometry-type"], "Point"] }),
     lineLayer("preview-halo", "preview", { "line-color": "#fff", "line-width": 7 }),
-    lineLayer("preview-line", "preview", { "line-color": "#0b57d0", "line-width": 4, "line-dasharray": [2, 1] }),
+    lineLayer("preview-line", "preview", { "line-color": PALETTE.fire.preview, "line-width": 4, "line-dasharray": [2, 1] }),
   ],
 };
 

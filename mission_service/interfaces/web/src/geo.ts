@@ -127,3 +127,9 @@ function offLine(p: [number, number], a: [number, number], b: [number, number]):
   const t = length2 ? Math.max(0, Math.min(1, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / length2)) : 0;
   return Math.hypot(p[0] - a[0] - t * dx, p[1] - a[1] - t * dy);
 }
+
+/** The distance between two places. */
+export function distanceM([lonA, latA]: LonLat, [lonB, latB]: LonLat): number {
+  const east = (lonB - lonA) * Math.cos(((latA + latB) / 2) * RAD);
+  return M_PER_DEG * Math.hypot(latB - latA, east);
+}

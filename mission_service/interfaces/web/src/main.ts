@@ -8,6 +8,7 @@ import { get, whenUnauthorised } from "./api.ts";
 import { AIRSPACE_GROUPS, airspaceLayers, followAirspace } from "./airspace_layer.ts";
 import { BURN_GROUPS, burnLayers, followBurn } from "./burn_layer.ts";
 import { clearingPanel } from "./clearing.ts";
+import { showDisplay } from "./display_dialog.ts";
 import { askForToken, showHelp } from "./dialogs.ts";
 import { byId } from "./dom.ts";
 import { FIRE_GROUPS, fireLayers, followFire } from "./fire_layer.ts";
@@ -15,7 +16,10 @@ import { extentOf, pointsOf } from "./geo.ts";
 import { followImages, IMAGE_GROUPS, imageLayers } from "./image_layer.ts";
 import { listenForKeys, shortcut } from "./keys.ts";
 import { type Group, makeMap } from "./map.ts";
+import { MapButtons } from "./map_buttons.ts";
+import { followTheme } from "./map_theme.ts";
 import { followMeasured, measureLayers } from "./measure_layer.ts";
+import { followNotes, NOTE_GROUPS, noteLayers } from "./notes_layer.ts";
 import { followObservations, OBSERVATION_GROUPS, observationLayers } from "./observation_layer.ts";
 import { BurnPanel } from "./panels/burn.ts";
 import { FirePanel } from "./panels/fire.ts";
@@ -24,7 +28,9 @@ import { PlannerPanel } from "./panels/planner.ts";
 import { SensorsPanel } from "./panels/sensors.ts";
 import { VehiclesPanel } from "./panels/vehicles.ts";
 import { Pens } from "./pens.ts";
+import { onPreferences } from "./preferences.ts";
 import { replayBar } from "./replay_bar.ts";
+import { followRings, RING_GROUPS, ringLayers } from "./rings_layer.ts";
 import { side } from "./side.ts";
 import { sortiesPanel } from "./sorties.ts";
 import { Store } from "./store.ts";
@@ -33,11 +39,12 @@ import { takeToken, token } from "./token.ts";
 import { Toolbar } from "./toolbar.ts";
 import { topBar } from "./top_bar.ts";
 import type { LonLat } from "./types.ts";
+import { waitingButton } from "./waiting.ts";
 import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./vehicles_layer.ts";
 
 const groups: Record<string, Group> = {
   ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...AIRCRAFT_GROUPS,
-  ...BURN_GROUPS, ...AIRSPACE_GROUPS,
+  ...BURN_GROUPS, ...AIRSPACE_GROUPS, ...NOTE_GROUPS, ...RING_GROUPS,
 };
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
@@ -57,14 +64,15 @@ function toggle(name: string, shown: boolean): void {
 }
 
 const alarms = new Alarms(store);
-topBar(store, alarms, showHelp);
+const waiting = waitingButton(store, alarms, (panel) => openPanel(panel));
+topBar(store, alarms, waiting, showHelp);
 clearingPanel(store);
 sortiesPanel(store);
 timeBar(store);
 replayBar(store);
 const toolbar = new Toolbar(store, () => pens);
 const fire = new FirePanel(store, groups, toggle);
-side(store, [
+const openPanel = side(store, [
   { key: "vehicles", label: "Vehicles", element: new VehiclesPanel(store).element, available: () => true },
   { key: "burn", label: "Burn", element: new BurnPanel(store).element, available: () => Boolean(store.state?.burn) },
   { key: "fire", label: "Fire", element: fire.element, available: () => true },
@@ -77,6 +85,7 @@ shortcut("c", "Centre the map on the chosen vehicle", () => {
   const fix = store.telemetry.get(store.chosen);
   if (fix) map?.panTo([fix.lon_deg, fix.lat_deg]);
 });
+onPreferences(() => store.changed("all"));
 listenForKeys();
 acceptFiles();
 
@@ -90,11 +99,15 @@ async function makeMapOnce(): Promise<void> {
     imageLayers,
     airspaceLayers,
     burnLayers,
+    ringLayers,
+    noteLayers,
     aircraftLayers,
     vehicleLayers,
     measureLayers,
   ]);
+  made.addControl(new MapButtons(store, showDisplay), "top-right");
   map = made;
+  followTheme(made);
   pens = new Pens(made, (stroke) => void toolbar.send(stroke), (text) => {
     byId("announcer").textContent = text;
   });
@@ -103,12 +116,14 @@ async function makeMapOnce(): Promise<void> {
     followFire(made, store, shown, (scale) => fire.showScale(scale)).refresh,
     followObservations(made, store, shown),
     followImages(made, store),
+    followRings(made, store, () => shown("rings")),
   ];
   followVehicles(made, store);
   followAircraft(made, store);
   followBurn(made, store);
   followAirspace(made, store);
   followMeasured(made, store);
+  followNotes(made, store);
   store.changed("all");
   Object.assign(window, { missionMap: made }); // for the console, and for tests
   byId("map").dataset.ready = "yes";

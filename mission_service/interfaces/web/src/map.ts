@@ -20,9 +20,12 @@ import {
 import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?worker&url";
 import { BASE, get, headers } from "./api.ts";
 import { CoordinatesControl } from "./coordinates.ts";
+import { chosenUnits, onPreferences } from "./preferences.ts";
 import type { Landscape } from "./types.ts";
 
 setWorkerUrl(workerUrl);
+
+const SCALES = { metric: "metric", us: "imperial", aviation: "nautical" } as const;
 
 export interface Layers {
   sources: Record<string, SourceSpecification>;
@@ -146,8 +149,9 @@ export async function makeMap(
   map.touchZoomRotate.disableRotation();
   map.keyboard.disableRotation();
   map.addControl(new NavigationControl({ showCompass: false }), "top-right");
-  map.addControl(new ScaleControl({ unit: "metric" }), "bottom-left");
-  map.addControl(new ScaleControl({ unit: "imperial" }), "bottom-left");
+  const scale = new ScaleControl({ unit: SCALES[chosenUnits()] });
+  map.addControl(scale, "bottom-left");
+  onPreferences(() => scale.setUnit(SCALES[chosenUnits()]));
   map.addControl(new CoordinatesControl(), "bottom-left");
   map.addControl(new AttributionControl({ compact: true, customAttribution: "MapLibre" }));
   map.getCanvas().setAttribute("aria-label", "Map: arrow keys move it, + and − zoom");

@@ -6,9 +6,10 @@
 import type { Map as MapView } from "maplibre-gl";
 import { h } from "./dom.ts";
 import { simplified, uncrossed } from "./geo.ts";
+import { PALETTE } from "./palette.ts";
 
 export type State = "burned" | "burning" | "unburned";
-export type Pen = State | "closed" | "measure"; // closed: airspace; measure: the length of a line
+export type Pen = State | "closed" | "measure" | "note"; // closed: airspace; measure: the length of a line
 export type Shape = "point" | "line" | "polygon";
 export type Tool = { pen: Pen; shape: Shape } | { eraser: true; radiusPx: number } | null;
 
@@ -18,9 +19,7 @@ export interface Stroke {
   radiusM: number; // of the eraser
 }
 
-export const COLOURS: Record<Pen, string> = {
-  burned: "#5a1a00", burning: "#d40000", unburned: "#00529b", closed: "#4a148c", measure: "#111111",
-};
+export const COLOURS: Record<Pen, string> = PALETTE.pens;
 const TOLERANCE_PX = 1.5;
 const MAX_POINTS = 900;
 const ERASER_COLOUR = "#444444";

@@ -11,7 +11,8 @@ export interface Tab {
   available: () => boolean;
 }
 
-export function side(store: Store, tabs: Tab[]): void {
+/** Make the side bar; returns the function that opens a panel by its key. */
+export function side(store: Store, tabs: Tab[]): (key: string) => void {
   const buttons = tabs.map(({ key, label }, i) => {
     const button = h(
       "button",
@@ -65,4 +66,5 @@ export function side(store: Store, tabs: Tab[]): void {
     if (first && store.state?.burn) open("burn");
     first = false;
   });
+  return open;
 }

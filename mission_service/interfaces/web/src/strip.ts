@@ -2,16 +2,15 @@
 // ahead to the right, with a bar for the importance of each cell; below, both sums.
 
 import { h } from "./dom.ts";
+import { colour } from "./preferences.ts";
 import type { Importance } from "./types.ts";
 
 const [WIDTH, HEIGHT] = [356, 130];
 const [BARS_TOP, BARS_BASE] = [22, 82];
-const AHEAD = "#0b5d1e";
-const BEHIND = "#8e3b00";
 
 export function makeStrip(): {
   element: HTMLCanvasElement;
-  show: (importance: Importance | null) => void;
+  show: (importance: Importance | null, otherwise?: string) => void;
 } {
   const canvas = h("canvas", {
     class: "strip",
@@ -20,7 +19,8 @@ export function makeStrip(): {
     height: HEIGHT * 2,
     "aria-label": "Importance of the front behind and ahead",
   });
-  return { element: canvas, show: (importance) => paint(canvas, importance) };
+  const show = (importance: Importance | null, otherwise = ""): void => paint(canvas, importance, otherwise);
+  return { element: canvas, show };
 }
 
 /** The next decision as text, also for screen readers. */
@@ -39,33 +39,35 @@ function sides({ cells }: Importance): [number[], number[]] {
 const short = (value: number): string =>
   value === 0 ? "0" : Math.abs(value) >= 100 ? value.toFixed(0) : value.toPrecision(3);
 
-function paint(canvas: HTMLCanvasElement, importance: Importance | null): void {
+/** Draw the strip, or the text `otherwise` without importances. */
+function paint(canvas: HTMLCanvasElement, importance: Importance | null, otherwise: string): void {
   const pen = canvas.getContext("2d");
   if (!pen) return;
   pen.setTransform(2, 0, 0, 2, 0, 0);
   pen.clearRect(0, 0, WIDTH, HEIGHT);
-  pen.fillStyle = "#111";
+  pen.fillStyle = colour("--ink");
   pen.font = "bold 15px sans-serif";
   pen.textBaseline = "top";
   const middle = WIDTH / 2;
   if (!importance) {
     pen.textAlign = "center";
-    pen.fillText("No decision before arrival at the front", middle, 54);
+    pen.fillText(otherwise, middle, 54);
+    canvas.setAttribute("aria-label", otherwise);
     return;
   }
   canvas.setAttribute("aria-label", importanceText(importance));
   pen.textAlign = "left";
-  pen.fillStyle = BEHIND;
+  pen.fillStyle = colour("--behind");
   pen.fillText("◀ behind", 4, 2);
   pen.textAlign = "right";
-  pen.fillStyle = AHEAD;
+  pen.fillStyle = colour("--ahead");
   pen.fillText("ahead ▶", WIDTH - 4, 2);
   const [back, front] = sides(importance);
   const cells = Math.max(front.length, back.length, 1);
   const most = Math.max(...front, ...back, 1e-9);
   const wide = (middle - 14) / cells;
-  bars(pen, back, (i) => middle - 14 - (i + 1) * wide, wide, most, BEHIND);
-  bars(pen, front, (i) => middle + 14 + i * wide, wide, most, AHEAD);
+  bars(pen, back, (i) => middle - 14 - (i + 1) * wide, wide, most, colour("--behind"));
+  bars(pen, front, (i) => middle + 14 + i * wide, wide, most, colour("--ahead"));
   vehicle(pen, middle);
   sums(pen, importance, middle);
 }
@@ -76,9 +78,9 @@ function bars(
   leftOf: (i: number) => number,
   wide: number,
   most: number,
-  colour: string,
+  fill: string,
 ): void {
-  pen.fillStyle = colour;
+  pen.fillStyle = fill;
   for (const [i, value] of values.entries()) {
     const high = Math.max(1, (Math.max(0, value) / most) * (BARS_BASE - BARS_TOP));
     pen.fillRect(leftOf(i), BARS_BASE - high, Math.max(wide * 0.92, 0.6), high);
@@ -86,7 +88,7 @@ function bars(
 }
 
 function vehicle(pen: CanvasRenderingContext2D, x: number): void {
-  pen.fillStyle = "#0b3d91";
+  pen.fillStyle = colour("--accent");
   pen.beginPath();
   pen.moveTo(x + 11, BARS_BASE - 8);
   pen.lineTo(x - 9, BARS_BASE - 18);
@@ -99,11 +101,11 @@ function sums(pen: CanvasRenderingContext2D, importance: Importance, middle: num
   const { importance_back: back, importance_front: front } = importance;
   const most = Math.max(back, front, 1e-9);
   const side = middle - 14;
-  pen.fillStyle = BEHIND;
+  pen.fillStyle = colour("--behind");
   pen.fillRect(middle - 14 - (side * Math.max(0, back)) / most, 90, (side * Math.max(0, back)) / most, 14);
-  pen.fillStyle = AHEAD;
+  pen.fillStyle = colour("--ahead");
   pen.fillRect(middle + 14, 90, (side * Math.max(0, front)) / most, 14);
-  pen.fillStyle = "#111";
+  pen.fillStyle = colour("--ink");
   pen.textAlign = "left";
   pen.fillText(`Σ ${short(back)}`, 4, 110);
   pen.textAlign = "right";

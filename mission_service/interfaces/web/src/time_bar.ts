@@ -22,7 +22,7 @@ export function timeBar(store: Store): void {
   });
   const label = h("output", { id: "moment" }, "now");
   const button = (name: string, title: string, act: () => void): HTMLButtonElement =>
-    h("button", { type: "button", title, "aria-label": title, onclick: act }, name);
+    h("button", { type: "button", title, onclick: act }, name, name === "Now" ? "" : h("span", { class: "unseen" }, " minutes"));
   const step = (by: number): void => {
     store.selectTime(Math.max(Number(slider.min), Math.min(MAX_MIN, store.inMin + by)));
   };

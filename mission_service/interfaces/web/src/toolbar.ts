@@ -3,7 +3,7 @@
 
 import { attempt, lacking, showMessage } from "./actions.ts";
 import { post } from "./api.ts";
-import { closeHelp, confirmed } from "./dialogs.ts";
+import { closeHelp, confirmed, entered } from "./dialogs.ts";
 import { byId, h, setReason, setText } from "./dom.ts";
 import { acceptsChange, type Preview } from "./fire_preview.ts";
 import { shortcut } from "./keys.ts";
@@ -18,9 +18,10 @@ const PENS: [Pen, string, string][] = [
   ["unburned", "Unburned", "u"],
   ["closed", "Closed", "x"],
   ["measure", "Measure", "l"],
+  ["note", "Note", "t"],
 ];
-const TITLES: Partial<Record<Pen, string>> = { closed: "Closed airspace", measure: "Measure a line" };
-const SHAPE_OF: Partial<Record<Pen, Shape>> = { closed: "polygon", measure: "line" }; // of all others the chosen one
+const TITLES: Partial<Record<Pen, string>> = { closed: "Closed airspace", measure: "Measure a line", note: "Add a note" };
+const SHAPE_OF: Partial<Record<Pen, Shape>> = { closed: "polygon", measure: "line", note: "point" }; // of all others the chosen one
 const SHAPES: [Shape, string, string][] = [["point", "Point", "1"], ["line", "Line", "2"], ["polygon", "Area", "3"]];
 const ERASER_PX = 22;
 
@@ -62,7 +63,7 @@ export class Toolbar {
     shortcut("Ctrl+Z", "Undo the last correction", () => this.back("undo"));
     shortcut("Ctrl+Y", "Redo", () => this.back("redo"));
     shortcut("Ctrl+Shift+Z", "Redo", () => this.back("redo"));
-    shortcut("Escape", "Close this list, or deselect the pen", () => {
+    shortcut("Escape", "Close a list or settings, or deselect the pen", () => {
       if (!closeHelp()) this.selectPen(null);
     });
     this.atSlider.addEventListener("change", () => this.renew());
@@ -127,6 +128,7 @@ export class Toolbar {
       this.store.showMeasured(points);
       return true;
     }
+    if (tool.pen === "note") return this.addNote(points[0]!);
     if (tool.pen === "closed") return this.closeAirspace(points);
     const body = { state: tool.pen, shape: tool.shape, points, in_s: this.inMin * 60 };
     return this.correct(`Correction (${tool.pen}, ${moment(this.inMin)})`, "correct", "fire/corrections", body);
@@ -139,6 +141,13 @@ export class Toolbar {
       if (!(await acceptsChange(this.store, preview))) return { messages: ["not applied"] };
       return { ...await post(path, body), undo: () => this.back("undo") };
     });
+  }
+
+  /** Add a note about a place, after a question for its text. */
+  private async addNote([lat_deg, lon_deg]: [number, number]): Promise<boolean> {
+    const text = await entered("Note about this place, for all users of the map and for the log");
+    if (!text) return false;
+    return attempt("Note", () => post("notes", { text, lat_deg, lon_deg }));
   }
 
   /** Close the airspace over an area after a confirmation. */

@@ -6,17 +6,20 @@ import { clearButton } from "./clearing.ts";
 import { byId, h, setText } from "./dom.ts";
 import type { Store } from "./store.ts";
 import type { Replay } from "./types.ts";
-import { area, clock } from "./units.ts";
+import { area, clock, timeOfDay } from "./units.ts";
 
 const STALE_S = 3;
 
 /** The name of the first log, and the number of the others. */
 const logsOf = ({ logs }: Replay): string => `${logs[0]}${logs.length > 1 ? ` + ${logs.length - 1}` : ""}`;
 
-export function topBar(store: Store, alarms: Alarms, help: () => void): void {
+export function topBar(store: Store, alarms: Alarms, waiting: HTMLElement, help: () => void): void {
   const badge = h("strong", { class: "badge", hidden: true });
   const name = h("strong", { class: "name" });
-  const time = h("span", { title: "Mission time, h:min" });
+  const time = h("span", { class: "clock", title: "Mission time, h:min" });
+  const local = h("span");
+  const utc = h("span");
+  const day = h("span", { class: "clock", title: "Local time and UTC" }, local, h("span", { class: "wide" }, " local"), " · ", utc);
   const size = h("span", { class: "size" });
   const link = h("span", { class: "link", role: "status" });
   const ready = h("span", { class: "ready" });
@@ -24,10 +27,12 @@ export function topBar(store: Store, alarms: Alarms, help: () => void): void {
     badge,
     name,
     time,
+    day,
     size,
     link,
     ready,
     h("span", { class: "gap" }),
+    waiting,
     alarms.button,
     h("button", { type: "button", class: "help", title: "Keyboard shortcuts (?)", "aria-label": "Help", onclick: help }, "?"),
     clearButton(store),
@@ -37,6 +42,9 @@ export function topBar(store: Store, alarms: Alarms, help: () => void): void {
     const { state } = store;
     setText(name, state?.status.scenario ?? "Mission service");
     setText(time, state ? `Time ${clock(store.nowS)}` : "");
+    day.hidden = !state || Boolean(state.replay); // of a replay mission time only
+    setText(local, timeOfDay(Date.now(), false));
+    setText(utc, `${timeOfDay(Date.now(), true)}Z`);
     setText(size, state ? `Fire ${area(state.fire.area_ha * 1e4)}` : "");
     const old = store.ageS > STALE_S && !store.linked;
     const replay = state?.replay ?? null;

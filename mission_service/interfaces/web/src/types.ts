@@ -83,6 +83,8 @@ export interface Vehicle {
   wind_from_deg: number | null;
 }
 
+export const LOITER_UNLIMITED = 17; // a command of an item
+
 export interface Item {
   command: number;
   name: string;
@@ -130,7 +132,10 @@ export interface Announcement {
 
 /** A line of the log that is not announced. */
 export interface LogRecord extends Announcement {
-  kind: "fire" | "settings" | "mission" | "alarm";
+  kind: "fire" | "settings" | "note" | "mission" | "alarm";
+  note: string; // text of a note about a place
+  lat_deg: number | null;
+  lon_deg: number | null;
 }
 
 export interface Fire {

@@ -8,17 +8,16 @@ import {
   circleLayer, collection, empty, feature, fillLayer, type Group, iconLayer,
   labelLayer, type Layers, line, lineLayer, point, show,
 } from "./map.ts";
+import { PALETTE } from "./palette.ts";
 import { type Store, TRACK_S, type TrackPoint } from "./store.ts";
-import type { Item, LonLat, Mission, Telemetry, Vehicle } from "./types.ts";
-import { feet } from "./units.ts";
+import { type Item, LOITER_UNLIMITED, type LonLat, type Mission, type Telemetry, type Vehicle } from "./types.ts";
+import { length, speed } from "./units.ts";
 
-const LOITER_UNLIMITED = 17;
 const LOITER_RADIUS_PARAM: Record<number, number> = { 17: 2, 18: 2, 19: 2, 31: 1 };
 const DEFAULT_RADIUS_M = 80;
 const FULL_LABELS = 16; // with more vehicles labels contain only the name
 // Minimum times between two updates of a source, which limit the load of a hundred vehicles.
 const [POSITIONS_MS, MISSIONS_MS, TRACKS_MS] = [200, 300, 1000];
-const COLOURS = { online: "#111111", lost: "#c40000", chosen: "#0b3d91" };
 
 export const vehicleLayers: Layers = {
   sources: { tracks: empty(), missions: empty(), orbits: empty(), vehicles: empty() },
@@ -26,9 +25,8 @@ export const vehicleLayers: Layers = {
     fillLayer("coverage", "orbits", { "fill-color": "#00838f", "fill-opacity": 0.18 },
       { filter: ["==", ["get", "part"], "coverage"] }),
     lineLayer("tracks", "tracks", {
-      "line-color": ["case", ["get", "chosen"], "#0b3d91", "#444444"],
-      "line-width": ["case", ["get", "chosen"], 2, 1],
-      "line-opacity": 0.75,
+      "line-color": ["case", ["get", "chosen"], ageColour("#08306b", "#9ecae1"), ageColour("#222222", "#bdbdbd")],
+      "line-width": ["case", ["get", "chosen"], 2.5, 1.5],
     }),
     lineLayer("orbits", "orbits", { "line-color": "#006064", "line-width": 2 },
       { filter: ["==", ["get", "part"], "orbit"] }),
@@ -54,12 +52,18 @@ export const vehicleLayers: Layers = {
   ],
 };
 
+/** The colour of a part of a track, from the newest to the oldest. */
+function ageColour(newest: string, oldest: string): ExpressionSpecification {
+  return ["interpolate", ["linear"], ["get", "age"], 0, newest, 1, oldest];
+}
+
 function missionColour(): ExpressionSpecification {
-  return ["match", ["get", "kind"], "on board", "#0b3d91", "sending", "#6a1b9a", "#ad1457"];
+  const { onBoard, sending, proposed } = PALETTE.missions;
+  return ["match", ["get", "kind"], "on board", onBoard, "sending", sending, proposed];
 }
 
 export const VEHICLE_GROUPS: Record<string, Group> = {
-  tracks: { label: "Tracks", layers: ["tracks"], shown: true },
+  tracks: { label: "Tracks, older ones paler", layers: ["tracks"], shown: true },
   missions: {
     label: "Missions",
     layers: ["mission-halo", "mission-path", "mission-item", "mission-number"],
@@ -72,7 +76,7 @@ export const VEHICLE_GROUPS: Record<string, Group> = {
 /** Keep the sources of the vehicles up to date; select a vehicle that is clicked. */
 export function followVehicles(map: MapView, store: Store): void {
   for (const kind of ["plane", "copter"]) {
-    for (const [state, colour] of Object.entries(COLOURS)) {
+    for (const [state, colour] of Object.entries(PALETTE.vehicles)) {
       map.addImage(`${kind}-${state}`, icon(kind, colour), { pixelRatio: 2 });
     }
   }
@@ -138,16 +142,26 @@ function labelOf(fix: Telemetry, vehicle: Vehicle | undefined, full: boolean): s
   if (vehicle?.link === "lost") return `${fix.vehicle}\nLINK LOST`;
   if (!full) return fix.vehicle;
   const height = fix.height_agl_m ?? fix.altitude_relative_m;
-  const speed = `${fix.ground_speed_m_s.toFixed(0)} m/s`;
-  return `${fix.vehicle}\n${height.toFixed(0)} m (${feet(height).toFixed(0)} ft)  ${speed}`;
+  return `${fix.vehicle}\n${length(height)}  ${speed(fix.ground_speed_m_s)}`;
 }
 
+/** The tracks in parts of similar age, which are drawn from the oldest to the newest. */
 function tracksOf(store: Store): GeoJSON.Feature[] {
-  return [...store.tracks]
-    .filter(([, points]) => points.length > 1)
-    .map(([name, points]) =>
-      feature(line(points.map(([lon, lat]): LonLat => [lon, lat])), { chosen: name === store.chosen }),
-    );
+  const PARTS = 6;
+  const features: GeoJSON.Feature[] = [];
+  for (let part = PARTS - 1; part >= 0; part--) {
+    const [newestS, oldestS] = [part, part + 1].map((each) => store.nowS - (each * TRACK_S) / PARTS) as [number, number];
+    for (const [name, points] of store.tracks) {
+      const first = points.findIndex(([, , atS]) => atS >= oldestS);
+      if (first < 0) continue;
+      const end = points.findIndex(([, , atS]) => atS >= newestS);
+      const of = points.slice(first, part === 0 || end < 0 ? undefined : end + 1); // parts share a point
+      if (of.length < 2) continue;
+      const path = line(of.map(([lon, lat]): LonLat => [lon, lat]));
+      features.push(feature(path, { chosen: name === store.chosen, age: part / (PARTS - 1) }));
+    }
+  }
+  return features;
 }
 
 function missionsOf(store: Store): GeoJSON.Feature[] {

@@ -1,6 +1,7 @@
 // A dial to draw the wind: the arrow has the direction of the wind, its length is the speed.
 
 import { h } from "./dom.ts";
+import { colour } from "./preferences.ts";
 
 const SIZE = 180;
 const MIDDLE = SIZE / 2;
@@ -59,8 +60,8 @@ function paint(canvas: HTMLCanvasElement, now: Wind | null, entered: Wind | null
   pen.setTransform(2, 0, 0, 2, 0, 0);
   pen.clearRect(0, 0, SIZE, SIZE);
   pen.translate(MIDDLE, MIDDLE);
-  pen.strokeStyle = "#666";
-  pen.fillStyle = "#111";
+  pen.strokeStyle = colour("--edge");
+  pen.fillStyle = colour("--ink");
   pen.lineWidth = 1;
   for (const speed of [5, 10, 15, 20]) {
     pen.beginPath();
@@ -78,15 +79,15 @@ function paint(canvas: HTMLCanvasElement, now: Wind | null, entered: Wind | null
   for (const [name, x, y] of [["N", 0, -1], ["E", 1, 0], ["S", 0, 1], ["W", -1, 0]] as const) {
     pen.fillText(name, x * (RIM - 9), y * (RIM - 9));
   }
-  if (now) arrow(pen, now, "#1a4fa0", 3);
-  if (entered) arrow(pen, entered, "#b00020", 5);
+  if (now) arrow(pen, now, colour("--accent"), 3);
+  if (entered) arrow(pen, entered, colour("--red"), 5);
 }
 
 /** Draw an arrow from the side from which the wind blows to the middle. */
-function arrow(pen: CanvasRenderingContext2D, wind: Wind, colour: string, width: number): void {
+function arrow(pen: CanvasRenderingContext2D, wind: Wind, fill: string, width: number): void {
   const [x, y] = tailOf(wind);
   const length = Math.hypot(x, y);
-  pen.strokeStyle = pen.fillStyle = colour;
+  pen.strokeStyle = pen.fillStyle = fill;
   pen.lineWidth = width;
   pen.beginPath();
   pen.arc(x, y, width + 3, 0, 2 * Math.PI);

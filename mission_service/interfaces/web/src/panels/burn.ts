@@ -3,9 +3,10 @@
 import { attempt, lacking } from "../actions.ts";
 import { post } from "../api.ts";
 import { fill, h, setReason, setText } from "../dom.ts";
+import { chosenUnits } from "../preferences.ts";
 import type { Store } from "../store.ts";
 import type { Burn, IgnitionPlan, ListItem } from "../types.ts";
-import { clock, compass, duration, metres, speed } from "../units.ts";
+import { clock, compass, duration, heightAgl, length, speed } from "../units.ts";
 import { button, figures, section } from "./parts.ts";
 
 const PRESENT_MS = 5000;
@@ -74,7 +75,7 @@ export class BurnPanel {
     const checked = burn.plans.find((each) => each.plan_hash === burn.plan_hash);
     const key = JSON.stringify([
       guidance.checklist, burn.plan_hash, checked, guidance.phase, this.store.state?.roles,
-      burn.drops.length, burn.drops.at(-1)?.outcome,
+      burn.drops.length, burn.drops.at(-1)?.outcome, chosenUnits(),
     ]);
     for (const control of [this.planNow, this.line, this.drop]) setReason(control, lacking(this.store, "fly"));
     setReason(this.watch, lacking(this.store, "approve"));
@@ -171,7 +172,7 @@ function safetyFigures(plan: IgnitionPlan, hash: string): HTMLElement {
   return figures([
     ["Line", `${plan.line}, ${plan.vehicle}`],
     ["Least time to fire", `${duration(plan.min_time_margin_s)} (minimum ${duration(plan.time_margin_s)})`],
-    ["Distance from fire", `at least ${metres(plan.distance_margin_m)}`],
+    ["Distance from fire", `at least ${length(plan.distance_margin_m)}`],
     ["Drops", `${plan.drops.length}${skipped}`],
     ["Duration", duration(plan.duration_s)],
     ["Hash", hash.slice(0, 12)],
@@ -182,8 +183,8 @@ function planFigures(plan: IgnitionPlan): HTMLElement {
   return figures([
     ["Begins", clock(plan.begin_us / 1e6)],
     ["Approve before", clock(plan.valid_until_us / 1e6)],
-    ["Drop height", `${metres(plan.drop_height_m)} above ground`],
-    ["Safe height", `${metres(plan.safe_height_m)} above ground`],
+    ["Drop height", heightAgl(plan.drop_height_m)],
+    ["Safe height", heightAgl(plan.safe_height_m)],
     ["Speed", speed(plan.speed_m_s)],
     ["Wind", `from ${plan.wind_from_deg.toFixed(0)}° (${compass(plan.wind_from_deg)}), ${speed(plan.wind_speed_m_s)}`],
     ["Spheres left at the end", String(plan.spheres_left)],

@@ -6,6 +6,7 @@ import { h, setText } from "../dom.ts";
 import type { Store } from "../store.ts";
 import { importanceText, makeStrip } from "../strip.ts";
 import type { Importance } from "../types.ts";
+import { notSteered } from "../vehicle_words.ts";
 import { section } from "./parts.ts";
 
 const EVERY_MS = 1500;
@@ -30,13 +31,19 @@ export class DecisionPart {
     if (!vehicle || this.element.hidden || !this.element.checkVisibility()) return;
     if (name !== this.shownFor) this.strip.show(null);
     this.shownFor = name;
+    const why = notSteered(vehicle);
+    if (why) {
+      this.strip.show(null, "No decision now");
+      setText(this.text, `The planner does not steer it: ${why}.`);
+      return;
+    }
     // A vehicle has importances after its first lap.
     const importance = vehicle.decisions
       ? await get<Importance>(`vehicles/${encodeURIComponent(name)}/importance`)
       : null;
     if (name !== this.store.chosen) return;
     const shown = importance !== null && importance.cells.length > 0 ? importance : null;
-    this.strip.show(shown);
+    this.strip.show(shown, "No decision before arrival at the front");
     const direction = vehicle.direction ? `Direction: ${vehicle.direction}` : "No direction yet";
     setText(this.text, shown ? `${direction}; ${importanceText(shown)}.` : `${direction}.`);
   }

@@ -8,7 +8,7 @@ import type { ArrivalScale } from "../fire_layer.ts";
 import { acceptsChange, type Preview } from "../fire_preview.ts";
 import type { Group } from "../map.ts";
 import type { Store } from "../store.ts";
-import { area, clock, compass, speed } from "../units.ts";
+import { area, clock, compass, speed, speedUnit } from "../units.ts";
 import { type Wind, windDial } from "../wind_dial.ts";
 import { button, layerBox, scaleBar, section, type Toggle } from "./parts.ts";
 
@@ -34,7 +34,8 @@ export class FirePanel {
   private now: Wind | null = null;
   private entered: Wind | null = null;
   private from = h("input", { type: "number", min: 0, max: 360, step: 5, id: "wind-from" });
-  private speed = h("input", { type: "number", min: 0, max: 60, step: 0.5, id: "wind-speed" });
+  private speed = h("input", { type: "number", min: 0, max: 60, step: "any", id: "wind-speed" });
+  private speedLabel = h("label", { for: "wind-speed" });
   private current = h("p", { class: "words" });
   private confirm = button("Set this wind", () => void this.setWind(), "Use this wind in the fire forecast from now on", "primary");
   private file = h("input", { type: "file", id: "perimeter", accept: ".geojson,.json,.kml,.kmz,.zip" });
@@ -56,7 +57,7 @@ export class FirePanel {
         this.current,
         h("div", { class: "wind" }, this.dial.element, h("div", { class: "fields" },
           h("label", { for: "wind-from" }, "From (°)"), this.from,
-          h("label", { for: "wind-speed" }, "Speed (m/s)"), this.speed,
+          this.speedLabel, this.speed,
           this.confirm)),
       ),
       section(
@@ -85,12 +86,12 @@ export class FirePanel {
   private drawWind(wind: Wind): void {
     this.entered = wind;
     this.from.value = String(wind.from_deg);
-    this.speed.value = String(wind.speed_m_s);
+    this.speed.value = String(Math.round((10 * wind.speed_m_s) / speedUnit().si) / 10);
     this.renew();
   }
 
   private readFields(): void {
-    const [from_deg, speed_m_s] = [this.from.valueAsNumber, this.speed.valueAsNumber];
+    const [from_deg, speed_m_s] = [this.from.valueAsNumber, this.speed.valueAsNumber * speedUnit().si];
     this.entered = Number.isFinite(from_deg) && Number.isFinite(speed_m_s) ? { from_deg, speed_m_s } : null;
     this.renew();
   }
@@ -123,6 +124,7 @@ export class FirePanel {
   private renew(): void {
     const { fire } = this.store.state ?? {};
     if (!fire) return;
+    setText(this.speedLabel, `Speed (${speedUnit().name})`);
     setText(this.size, `${area(fire.area_ha * 1e4)} burned`);
     const by = fire.wind_set_by ? `, set by ${fire.wind_set_by}` : "";
     setText(this.current, this.now ? `Now ${windText(this.now, this.now.from_deg.toFixed(0))}${by}` : "Unknown");

@@ -4,7 +4,7 @@ import { fill, h } from "../dom.ts";
 import { axesOf, IMAGE_GROUPS, sourceOf } from "../image_layer.ts";
 import { imageKey, type Store } from "../store.ts";
 import type { MapImage } from "../types.ts";
-import { counter, duration, feet } from "../units.ts";
+import { accuracy, counter, duration, length } from "../units.ts";
 import { button, figures, layerBox, scaleBar, type Toggle } from "./parts.ts";
 
 export class ImagesPart {
@@ -54,8 +54,8 @@ export class ImagesPart {
       ["Image", `${place}, ${image.name}`],
       ["Taken", `${counter(atS)}, ${duration(Math.max(0, this.store.nowS - atS))} ago`],
       ["Source", sourceOf(image, this.store)],
-      ["Place", `± ${sd.toFixed(1)} m (${feet(sd).toFixed(0)} ft)`],
-      ["90 % ellipse", `${major.toFixed(0)} × ${minor.toFixed(0)} m, ${image.major_from_deg.toFixed(0)}° from north`],
+      ["Place", accuracy(sd)],
+      ["90 % ellipse", `${length(major)} × ${length(minor)}, ${image.major_from_deg.toFixed(0)}° from north`],
     ];
   }
 }

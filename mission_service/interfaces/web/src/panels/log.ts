@@ -16,6 +16,7 @@ const KINDS: [Kind, string][] = [
   ["announcement", "Announcements"],
   ["fire", "Fire and wind"],
   ["settings", "Settings"],
+  ["note", "Notes"],
   ["mission", "Missions"],
   ["alarm", "Alarms"],
 ];

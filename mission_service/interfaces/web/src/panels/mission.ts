@@ -3,9 +3,10 @@
 import { attempt, lacking } from "../actions.ts";
 import { post } from "../api.ts";
 import { fill, h, setReason } from "../dom.ts";
+import { chosenUnits } from "../preferences.ts";
 import type { Store } from "../store.ts";
 import type { Mission, Preview } from "../types.ts";
-import { distance, metres } from "../units.ts";
+import { distance, heightAgl, heightMsl, length } from "../units.ts";
 import { button, figures, section } from "./parts.ts";
 
 export class MissionPart {
@@ -46,7 +47,7 @@ export class MissionPart {
     const name = this.store.chosen;
     if (this.preview && this.preview.vehicle !== name) this.preview = null;
     const proposed = this.store.missions.get(name)?.proposed ?? null;
-    const key = `${name} ${proposed?.mission_hash} ${this.preview?.mission_hash} ${lacking(this.store, "fly")}`;
+    const key = `${chosenUnits()} ${name} ${proposed?.mission_hash} ${this.preview?.mission_hash} ${lacking(this.store, "fly")}`;
     for (const control of this.controls) setReason(control, lacking(this.store, "fly"));
     if (key === this.shown && !force) return;
     this.shown = key;
@@ -85,13 +86,13 @@ function previewed({ figures: values, difference, mission_hash }: Preview): HTML
     "div",
     {},
     figures([
-      ["Lowest height", metres(values.min_height_agl_m)],
+      ["Lowest height", heightAgl(values.min_height_agl_m)],
       ["Length", distance(values.length_m)],
       ["Farthest from home", distance(values.farthest_from_home_m)],
-      ["Highest (MSL)", values.highest_amsl_m === null ? null : metres(values.highest_amsl_m)],
+      ["Highest", values.highest_amsl_m === null ? null : heightMsl(values.highest_amsl_m)],
       [
         "Changes to the mission on board",
-        `${difference.added} items added, ${difference.removed} removed, moved by up to ${metres(difference.farthest_moved_m)}`,
+        `${difference.added} items added, ${difference.removed} removed, moved by up to ${length(difference.farthest_moved_m)}`,
       ],
       ["Outside the landscape", values.outside_landscape ? "YES" : null],
       ["Hash", mission_hash.slice(0, 12)],

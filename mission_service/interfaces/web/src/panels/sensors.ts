@@ -5,7 +5,7 @@ import type { Group } from "../map.ts";
 import { colourOf } from "../observation_layer.ts";
 import type { Store } from "../store.ts";
 import type { Source } from "../types.ts";
-import { duration, metres } from "../units.ts";
+import { accuracy, duration } from "../units.ts";
 import { ImagesPart } from "./images.ts";
 import { layerBox, type Toggle } from "./parts.ts";
 
@@ -104,5 +104,5 @@ const interval = (s: number): string => (s < 10 ? `${s} s` : duration(s));
 function totalText({ observations, position_sd_m, not_used }: Source): string {
   if (!observations) return "";
   const unused = not_used ? `, ${count(not_used)} not used` : "";
-  return `${counted(observations, "observation")}${unused}, ± ${metres(position_sd_m)}`;
+  return `${counted(observations, "observation")}${unused}, ${accuracy(position_sd_m)}`;
 }

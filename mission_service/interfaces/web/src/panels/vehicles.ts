@@ -7,7 +7,8 @@ import { fill, h, setReason, setText } from "../dom.ts";
 import { shortcut } from "../keys.ts";
 import type { Store } from "../store.ts";
 import type { Mission, Vehicle } from "../types.ts";
-import { clock, duration, metres, speed } from "../units.ts";
+import { clock, duration, heightAgl, heightMsl, length, speed } from "../units.ts";
+import { doesAndWhy, nextWords } from "../vehicle_words.ts";
 import { DecisionPart } from "./decision.ts";
 import { button, figures } from "./parts.ts";
 import { MissionPart } from "./mission.ts";
@@ -32,6 +33,8 @@ export class VehiclesPanel {
   private list = h("ul", { class: "vehicles", "aria-label": "Vehicles" });
   private rows = new Map<string, { row: HTMLButtonElement; state: HTMLElement; motion: HTMLElement }>();
   private title = h("h3");
+  private does = h("p", { class: "does" });
+  private tiles = h("dl", { class: "tiles" });
   private facts = h("div");
   private orders: HTMLButtonElement[] = [];
   private decision: DecisionPart;
@@ -46,7 +49,7 @@ export class VehiclesPanel {
     const one = this.ordersFor(() => this.store.chosen, "this vehicle");
     this.element.append(
       h("div", {}, this.list, h("div", { class: "row all orders" }, h("span", {}, "All:"), ...all)),
-      h("div", {}, this.title, h("div", { class: "row orders" }, ...one), this.preflight.element, this.decision.element),
+      h("div", { class: "card" }, this.title, this.does, this.tiles, h("div", { class: "row orders" }, ...one), this.preflight.element, this.decision.element),
       h("div", {}, this.facts),
       h(
         "div",
@@ -98,6 +101,13 @@ export class VehiclesPanel {
     for (const [name, { row, state, motion }] of this.rows) this.renewRow(name, row, state, motion);
     const vehicle = store.vehicles.get(store.chosen);
     setText(this.title, vehicle ? `${vehicle.vehicle} · ${vehicle.stack} ${vehicle.kind}` : "No vehicle");
+    setText(this.does, vehicle ? doesAndWhy(store, vehicle) : "");
+    const tiles = vehicle ? tilesOf(store, vehicle) : [];
+    const tilesText = JSON.stringify(tiles);
+    if (tilesText !== this.tiles.dataset.text) { // an unchanged text must not affect screen readers
+      this.tiles.dataset.text = tilesText;
+      fill(this.tiles, ...tiles.map(([name, value, kind]) => h("div", { class: kind }, h("dt", {}, name), h("dd", {}, value))));
+    }
     const facts = vehicle ? figures(this.factsOf(vehicle)) : h("p");
     if (facts.textContent !== this.facts.textContent) fill(this.facts, facts);
     const reason = lacking(store, "fly");
@@ -132,7 +142,7 @@ export class VehiclesPanel {
     setText(state, shortState(vehicle));
     setText(
       motion,
-      fix ? `${metres(fix.height_agl_m ?? fix.altitude_relative_m)} · ${speed(fix.ground_speed_m_s)}` : "no position yet",
+      fix ? `${length(fix.height_agl_m ?? fix.altitude_relative_m)} · ${speed(fix.ground_speed_m_s)}` : "no position yet",
     );
   }
 
@@ -149,12 +159,11 @@ export class VehiclesPanel {
       ["Order", vehicle.order || null],
       ["Landing", vehicle.landing || null],
       ["Relief", vehicle.relief || null],
-      ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
       ["If the link is lost", lostLinkText(vehicle)],
       ["Energy", energyText(vehicle)],
       ["Remote ID", vehicle.remote_id || null],
       ["Position", vehicle.position_good ? null : `NOT GOOD: ${vehicle.position_fix}`],
-      ["Height", fix ? `${metres(fix.height_agl_m)} above ground` : "–"],
+      ["Height", fix ? `${heightAgl(fix.height_agl_m)}, ${heightMsl(fix.altitude_amsl_m)}` : "–"],
       ["Motion", fix ? `${speed(fix.ground_speed_m_s)}, heading ${fix.heading_deg.toFixed(0)}°` : "–"],
       // A replay sends no mission to the vehicle.
       [store.state?.replay ? "Simulated mission" : "On board", missionText(mission?.on_board ?? null, vehicle)],
@@ -167,7 +176,7 @@ export class VehiclesPanel {
       ],
       [
         "Orbit",
-        vehicle.orbit ? `radius ${metres(Math.abs(vehicle.orbit.radius_m))}, ${vehicle.orbit.radius_m < 0 ? "anticlockwise" : "clockwise"}, camera width ${metres(vehicle.orbit.view_width_m)}` : null,
+        vehicle.orbit ? `radius ${length(Math.abs(vehicle.orbit.radius_m))}, ${vehicle.orbit.radius_m < 0 ? "anticlockwise" : "clockwise"}, camera width ${length(vehicle.orbit.view_width_m)}` : null,
       ],
     ];
   }
@@ -180,6 +189,20 @@ async function ordered(path: string): Promise<Answer> {
   const question = answer.messages.map((line) => line.replace(/^confirm:\s*/, "")).join("\n");
   if (!(await confirmed(question))) return { messages: ["not confirmed, no order sent"] };
   return post<Answer>(path, { confirmed: true });
+}
+
+/** The figures of a vehicle's card: name, value, and its urgency. */
+function tilesOf(store: Store, vehicle: Vehicle): [string, string, string][] {
+  const onTaskS = vehicle.time_on_task_s;
+  const left = onTaskS === null ? "unknown" : onTaskS > 0 ? `${Math.floor(onTaskS / 60)} min` : "NONE";
+  const lossPct = vehicle.links.find((link) => link.in_use)?.loss_pct ?? null;
+  const link = vehicle.link !== "online" ? vehicle.link : lossPct === null || lossPct < 1 ? "online" : `online, ${lossPct.toFixed(0)} % lost`;
+  return [
+    ["On task for", left, onTaskS !== null && onTaskS <= 0 ? "bad" : ""],
+    ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`, ""],
+    ["Link", link, vehicle.link === "lost" ? "bad" : ""],
+    ["Next", nextWords(store, vehicle), "wide"],
+  ];
 }
 
 function shortState(vehicle: Vehicle): string {
@@ -218,7 +241,7 @@ function energyText(vehicle: Vehicle): string | null {
 function lostLinkText(vehicle: Vehicle): string | null {
   if (vehicle.link === "never heard") return null;
   if (!vehicle.lost_link) return "unknown";
-  const height = vehicle.return_height_m === null ? "" : `; return height ${metres(vehicle.return_height_m)}`;
+  const height = vehicle.return_height_m === null ? "" : `; return height ${length(vehicle.return_height_m)}`;
   return `${vehicle.lost_link}${height}; fence: ${vehicle.fence_action}`;
 }
 

@@ -1,0 +1,34 @@
+// The dialog of the display settings: units, and the colours of the page.
+
+import { byId, fill, h } from "./dom.ts";
+import { chooseTheme, chooseUnits, chosenTheme, chosenUnits, THEMES, UNITS } from "./preferences.ts";
+
+/** Open the display settings, or close them. */
+export function showDisplay(): void {
+  const dialog = byId("display") as HTMLDialogElement;
+  if (dialog.open) return dialog.close();
+  const close = h("button", { type: "button", class: "primary", onclick: () => dialog.close() }, "Close");
+  fill(
+    dialog,
+    h("div", { class: "row head" }, h("h2", {}, "Display"), close),
+    choice("Units", UNITS, chosenUnits(), chooseUnits),
+    choice("Colours", THEMES, chosenTheme(), chooseTheme),
+  );
+  dialog.show(); // not modal: the abort button remains accessible
+  close.focus();
+}
+
+/** A group of buttons, of which one is pressed. */
+export function choice<Choice extends string>(
+  title: string, choices: Record<Choice, string>, chosen: Choice, choose: (chosen: Choice) => void,
+): HTMLElement {
+  const buttons = Object.entries<string>(choices).map(([key, label]) => {
+    const button = h("button", { type: "button", "aria-pressed": String(key === chosen) }, label);
+    button.addEventListener("click", () => {
+      for (const each of buttons) each.setAttribute("aria-pressed", String(each === button));
+      choose(key as Choice);
+    });
+    return button;
+  });
+  return h("fieldset", {}, h("legend", {}, title), h("div", { class: "row" }, ...buttons));
+}

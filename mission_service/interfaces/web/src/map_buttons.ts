@@ -1,0 +1,52 @@
+// Buttons on the map: follow the chosen vehicle, and the display settings.
+
+import { createElement, LocateFixed, Settings2 } from "lucide";
+import type { IControl, Map as MapView } from "maplibre-gl";
+import { h } from "./dom.ts";
+import { shortcut } from "./keys.ts";
+import type { Store } from "./store.ts";
+
+export class MapButtons implements IControl {
+  private follow = h("button", {
+    type: "button", class: "follow", title: "Keep the chosen vehicle in the middle (G)",
+    "aria-label": "Follow the chosen vehicle", "aria-pressed": "false", onclick: () => this.toggle(),
+  }, createElement(LocateFixed));
+  private element: HTMLElement;
+  private map: MapView | null = null;
+  private isFollowing = false;
+
+  constructor(private readonly store: Store, settings: () => void) {
+    const open = h("button", {
+      type: "button", class: "settings", title: "Units, colours, basemap", "aria-label": "Display settings", onclick: settings,
+    }, createElement(Settings2));
+    this.element = h("div", { class: "maplibregl-ctrl maplibregl-ctrl-group" }, this.follow, open);
+    shortcut("g", "Follow the chosen vehicle, or stop", () => this.toggle());
+    store.on(["telemetry", "chosen"], () => this.centre());
+  }
+
+  onAdd(map: MapView): HTMLElement {
+    this.map = map;
+    map.on("dragstart", () => this.set(false)); // a hand moves the map
+    return this.element;
+  }
+
+  onRemove(): void {
+    this.element.remove();
+    this.map = null;
+  }
+
+  private toggle(): void {
+    this.set(!this.isFollowing);
+    this.centre();
+  }
+
+  private set(isFollowing: boolean): void {
+    this.isFollowing = isFollowing;
+    this.follow.setAttribute("aria-pressed", String(isFollowing));
+  }
+
+  private centre(): void {
+    const fix = this.store.telemetry.get(this.store.chosen);
+    if (this.isFollowing && fix) this.map?.setCenter([fix.lon_deg, fix.lat_deg]);
+  }
+}
