@@ -13,6 +13,7 @@ from mission_service import __version__
 from mission_service.cli.burn_commands import burn
 from mission_service.cli.experiment_commands import experiment
 from mission_service.cli.fire_commands import bench, fire
+from mission_service.cli.incident.map_commands import map_group
 from mission_service.cli.log_commands import log
 from mission_service.cli.mission_commands import lost_link, mission, signing
 from mission_service.cli.mock_command import mock
@@ -85,7 +86,7 @@ def main() -> None:
 
 request.add_command(satellite_pixels)
 
-GROUPS = (fire, bench, mission, signing, lost_link, experiment, tune, burn, request, log)
+GROUPS = (fire, bench, mission, signing, lost_link, experiment, tune, burn, request, log, map_group)
 for command in (*GROUPS, mock, token, replay, report, products, docs, observe, plan, sortie):
     main.add_command(command)
 

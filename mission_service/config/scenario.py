@@ -370,6 +370,11 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
     if keys[-1:] in (("signing_key",), ("password",)) and section and section.startswith("file:"):
         path = Path(section.removeprefix("file:")).expanduser()
         return f"file:{(scenario_path.parent / path).resolve()}"
+    if keys[-1:] == ("basemaps",) and section is not None:
+        folder = (scenario_path.parent / section).resolve()
+        if not folder.is_dir():
+            raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: no such folder: {folder}")
+        return str(folder)
     if isinstance(section, tuple):
         return tuple(
             _with_paths(part, scenario_path, (*keys, str(place)))

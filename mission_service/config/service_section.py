@@ -30,6 +30,7 @@ class HttpSection(Section):
     tokens: Path | None = None
     tls_certificate: Path | None = None
     tls_key: Path | None = None
+    basemaps: str | None = None  # folder of PMTiles, MBTiles and GeoTIFF files
 
     @field_validator("listen")
     @classmethod

@@ -26,6 +26,7 @@ from mission_service.interfaces.api.models import (
     Preview,
     StatusState,
 )
+from mission_service.interfaces.maps.basemaps.tile_files import Basemap
 from mission_service.interfaces.maps.draped_images import MapImage
 from mission_service.interfaces.mqtt.payloads import (
     Aircraft,
@@ -99,6 +100,9 @@ MISSION = MissionState(
     on_board=Mission(41, 4_212_000_000, "follow the front", "accepted", "", HASH, (ITEM,)),
 )
 ALARM = Alarm("link/hawk", AT_US, "hawk", "severe", "hawk: link lost")
+BASEMAP = Basemap(
+    "county", "vector", "pmtiles", 0, 15, (-84.4, 36.2, -83.9, 36.6), "© OpenStreetMap", ("roads",)
+)
 RECORD = Record(18, AT_US, "", "info", "ann draws a burned area", "fire")
 ANNOUNCEMENT = Announcement(17, AT_US, "hawk", "info", "turns back: importance is higher behind")
 REPLAY = ReplayState(
@@ -277,7 +281,7 @@ OF: dict[type, msgspec.Struct] = {
             PREVIEW,
             IMPORTANCE,
         ),
-        *(SOURCE, IMAGE, AIRSPACE, AIRCRAFT, INTENTS, FIRE_ARRIVAL),
+        *(SOURCE, IMAGE, AIRSPACE, AIRCRAFT, INTENTS, FIRE_ARRIVAL, BASEMAP),
         ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),
         Aircraft(AT_US, (AIRCRAFT,)),

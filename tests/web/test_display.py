@@ -11,6 +11,7 @@ from tests.web import browser as screen
 from tests.web.browser import Seen, draw, page_of, place_of
 from tests.web.readability import axe_problems, small_targets, weak_borders, weak_texts
 from tests.web.service import BURN, FIRE, Service, running, wait_for
+from tests.web.test_map import state_view
 from tests.web.test_phone import assert_abort_in_reach
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card
@@ -223,11 +224,14 @@ def test_every_panel_and_dialog_is_accessible_in_every_theme_and_size(
         for panel in PANELS:
             page.locator(f"#tab-{panel}").evaluate("tab => tab.click()")
             assert not small_targets(page), (theme, size, panel)
+            if panel == "vehicles" and size in ((390, 844), (1440, 900)):
+                state_view(page, f"{theme}-{size[0]}")
             if size in ((360, 640), (1440, 900)):
                 assert_accessible(page, f"{theme}, {size}, {panel}")
     for keys, dialog in (("?", "#help"), ("", "#display")):
         page.keyboard.press(keys) if keys else page.click("button.settings")
         expect(page.locator(dialog)).to_be_visible()
+        state_view(page, f"{theme}{dialog.replace('#', '-')}")
         assert_accessible(page, f"{theme}, {dialog}")
         page.keyboard.press("Escape")
     page.click("#clear")
@@ -263,6 +267,7 @@ def test_waiting_plans_have_a_badge_and_a_sound_at_every_size(
         resize(page, (390, 844))
         badge.click()
         expect(page.locator("#panel-vehicles .question")).to_be_visible()
+        state_view(page, "waiting")
         assert_accessible(page, "a plan that waits")
         resize(page, (1440, 900))
         page.locator("#panel-vehicles .question").get_by_role("button", name="Refuse").click()

@@ -37,9 +37,11 @@ from mission_service.interfaces.api import (
 )
 from mission_service.interfaces.api.access.auth import Tokens
 from mission_service.interfaces.api.access.guard import AccessGuard
+from mission_service.interfaces.api.basemaps import basemap_routes
 from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.openapi import COMMON, REF, V1, RequiredRole, json, route
 from mission_service.interfaces.api.responses import ApiError, encode, error_answer
+from mission_service.interfaces.maps.basemaps.tile_files import Basemap
 from mission_service.interfaces.maps.draped_images import MapImage
 from mission_service.runtime.clocks import wall_us
 from mission_service.runtime.play_head import ReplayState
@@ -62,6 +64,7 @@ ANSWERS = (
     models.Preview,
     models.Importance,
     models.Health,
+    Basemap,
     MapImage,
     OperationalIntents,
     MissionState,
@@ -113,6 +116,7 @@ def app_of(context: RunContext, tokens: Tokens, page: Path = PAGE) -> Applicatio
         request_routes,
         journal_routes,
         replay_routes,
+        basemap_routes,
         health_routes,
     ):
         part.add(app.router, api)

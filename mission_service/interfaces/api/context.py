@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import parse_qsl
 
@@ -14,6 +15,7 @@ from mission_service.interfaces.api.access.auth import Tokens, User
 from mission_service.interfaces.api.frames import Frames
 from mission_service.interfaces.api.live_stream import Streams
 from mission_service.interfaces.api.responses import ApiError, answer, json_body
+from mission_service.interfaces.maps.basemaps.tile_files import TileFile, tile_files
 from mission_service.interfaces.maps.draped_images import ImagePictures
 from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.published_states import VehicleState
@@ -35,9 +37,20 @@ class ApiContext:
         self.streams = Streams(self.frames, lambda: asyncio.get_running_loop().time())
         self.tiles = TerrainTiles(context.landscape)
         self.pictures = ImagePictures(context.landscape)
+        self.basemaps = self._basemaps()
         self._threads = asyncio.Semaphore(MAX_THREADS)
         self.uploads = asyncio.Semaphore(1)  # reads one perimeter at a time
         self.raster_uploads = asyncio.Semaphore(1)  # detectors do not delay perimeters
+
+    def _basemaps(self) -> dict[str, TileFile]:
+        """Open the basemaps of the configured folder; announce files that are not usable."""
+        http = self.context.settings.http
+        if http is None or http.basemaps is None:
+            return {}
+        found, problems = tile_files(Path(http.basemaps))
+        for problem in problems:
+            self.context.service.announce("service", problem)
+        return found
 
     async def run_in_thread(self, work: Callable[[], Result]) -> Result:
         """Run ``work`` in a thread; at most ``MAX_THREADS`` run at the same time."""

@@ -1,18 +1,24 @@
-// The dialog of the display settings: units, and the colours of the page.
+// The dialog of the display settings: units, colours of the page, and basemap.
 
 import { byId, fill, h } from "./dom.ts";
-import { chooseTheme, chooseUnits, chosenTheme, chosenUnits, THEMES, UNITS } from "./preferences.ts";
+import { offeredBasemaps } from "./basemaps.ts";
+import {
+  BASEMAPS, chooseBasemap, chooseTheme, chooseUnits, chosenBasemap, chosenTheme, chosenUnits, THEMES, UNITS,
+} from "./preferences.ts";
 
 /** Open the display settings, or close them. */
 export function showDisplay(): void {
   const dialog = byId("display") as HTMLDialogElement;
   if (dialog.open) return dialog.close();
+  const offered = offeredBasemaps();
+  const basemaps = Object.fromEntries(offered.map((key) => [key, BASEMAPS[key]])) as typeof BASEMAPS;
   const close = h("button", { type: "button", class: "primary", onclick: () => dialog.close() }, "Close");
   fill(
     dialog,
     h("div", { class: "row head" }, h("h2", {}, "Display"), close),
     choice("Units", UNITS, chosenUnits(), chooseUnits),
     choice("Colours", THEMES, chosenTheme(), chooseTheme),
+    choice("Basemap", basemaps, offered.includes(chosenBasemap()) ? chosenBasemap() : offered[0]!, chooseBasemap),
   );
   dialog.show(); // not modal: the abort button remains accessible
   close.focus();

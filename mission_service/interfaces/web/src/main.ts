@@ -6,6 +6,7 @@ import { AIRCRAFT_GROUPS, aircraftLayers, followAircraft } from "./aircraft_laye
 import { Alarms } from "./alarms.ts";
 import { get, whenUnauthorised } from "./api.ts";
 import { AIRSPACE_GROUPS, airspaceLayers, followAirspace } from "./airspace_layer.ts";
+import { addBasemaps, RELIEF_GROUPS } from "./basemaps.ts";
 import { BURN_GROUPS, burnLayers, followBurn } from "./burn_layer.ts";
 import { clearingPanel } from "./clearing.ts";
 import { showDisplay } from "./display_dialog.ts";
@@ -45,6 +46,7 @@ import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./ve
 const groups: Record<string, Group> = {
   ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...AIRCRAFT_GROUPS,
   ...BURN_GROUPS, ...AIRSPACE_GROUPS, ...NOTE_GROUPS, ...RING_GROUPS,
+  ...RELIEF_GROUPS,
 };
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
@@ -107,7 +109,7 @@ async function makeMapOnce(): Promise<void> {
   ]);
   made.addControl(new MapButtons(store, showDisplay), "top-right");
   map = made;
-  followTheme(made);
+  const themed = followTheme(made);
   pens = new Pens(made, (stroke) => void toolbar.send(stroke), (text) => {
     byId("announcer").textContent = text;
   });
@@ -126,6 +128,7 @@ async function makeMapOnce(): Promise<void> {
   followNotes(made, store);
   store.changed("all");
   Object.assign(window, { missionMap: made }); // for the console, and for tests
+  await addBasemaps(made, Boolean(made.getLayer("hillshade")), toggle, themed);
   byId("map").dataset.ready = "yes";
   await fetchTracks(store);
   setInterval(() => {

@@ -24,11 +24,13 @@ const NIGHT_LINES: Record<string, ExpressionSpecification | string> = {
   "uncertainty-line": "#ce93d8",
   "preview-line": "#8ab8ff",
   orbits: "#4dd0e1",
+  "relief-contours": "#a58a68",
+  "relief-drainage": "#5aa9e0",
   tracks: ["interpolate", ["linear"], ["get", "age"], 0, "#d6e6ff", 1, "#5b7390"],
 };
 
-/** Show the theme's colours on the map, now and after each change. */
-export function followTheme(map: MapView): void {
+/** Show the theme's colours on the map, now and after each change; returns the function for new layers. */
+export function followTheme(map: MapView): () => void {
   const byDay = new Map<string, unknown>(); // the colours of labels and lines
   const set = (layer: string, name: "text-color" | "text-halo-color" | "line-color", night: unknown): void => {
     const key = `${layer}/${name}`;
@@ -44,7 +46,7 @@ export function followTheme(map: MapView): void {
       map.setPaintProperty("hillshade", "hillshade-accent-color", accent);
     }
     for (const { id, type } of map.getStyle().layers) {
-      if (type !== "symbol") continue;
+      if (type !== "symbol" || id.startsWith("basemap-")) continue; // files have colours for each theme
       set(id, "text-color", "#ffffff");
       set(id, "text-halo-color", "#0b0f13");
     }
@@ -54,4 +56,5 @@ export function followTheme(map: MapView): void {
   };
   onPreferences(apply);
   apply();
+  return apply;
 }

@@ -1,12 +1,15 @@
-// What a user has chosen in this browser: units, colours of the page, sound of waiting plans. Kept in localStorage.
+// What a user has chosen in this browser: units, colours of the page, basemap. Kept in localStorage.
 
 export const UNITS = { metric: "Metric", us: "US", aviation: "Aviation" } as const;
 export const THEMES = { auto: "As the system", day: "Day", night: "Night", contrast: "High contrast" } as const;
 
+export const BASEMAPS = { topo: "Topo", imagery: "Imagery", hillshade: "Hillshade" } as const;
+
 export type Units = keyof typeof UNITS;
 export type Theme = keyof typeof THEMES;
+export type Basemap = keyof typeof BASEMAPS;
 
-const KEYS = { units: "mission-service-units", theme: "mission-service-theme" } as const;
+const KEYS = { units: "mission-service-units", theme: "mission-service-theme", basemap: "mission-service-basemap" } as const;
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 
 function stored<Choice extends string>(key: string, choices: Record<Choice, string>, otherwise: Choice): Choice {
@@ -16,9 +19,11 @@ function stored<Choice extends string>(key: string, choices: Record<Choice, stri
 
 let units: Units = stored(KEYS.units, UNITS, "metric");
 let theme: Theme = stored(KEYS.theme, THEMES, "auto");
+let basemap: Basemap = stored(KEYS.basemap, BASEMAPS, "topo");
 const listeners: (() => void)[] = [];
 
 export const chosenUnits = (): Units => units;
+export const chosenBasemap = (): Basemap => basemap;
 export const chosenTheme = (): Theme => theme;
 
 /** The colours in use: those of the chosen theme, or of the system. */
@@ -38,6 +43,12 @@ export function chooseUnits(chosen: Units): void {
 export function chooseTheme(chosen: Theme): void {
   theme = chosen;
   localStorage.setItem(KEYS.theme, chosen);
+  changed();
+}
+
+export function chooseBasemap(chosen: Basemap): void {
+  basemap = chosen;
+  localStorage.setItem(KEYS.basemap, chosen);
   changed();
 }
 

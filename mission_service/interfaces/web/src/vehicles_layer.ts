@@ -63,7 +63,7 @@ function missionColour(): ExpressionSpecification {
 }
 
 export const VEHICLE_GROUPS: Record<string, Group> = {
-  tracks: { label: "Tracks, older ones paler", layers: ["tracks"], shown: true },
+  tracks: { label: "Tracks (paler with age)", layers: ["tracks"], shown: true },
   missions: {
     label: "Missions",
     layers: ["mission-halo", "mission-path", "mission-item", "mission-number"],

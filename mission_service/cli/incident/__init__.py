@@ -1,0 +1,1 @@
+"""Commands that prepare an incident: its scenario file and its basemaps."""

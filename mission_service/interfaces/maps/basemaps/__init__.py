@@ -1,0 +1,1 @@
+"""Basemaps: files of map tiles and images in a folder, and lines from the landscape's elevation."""
