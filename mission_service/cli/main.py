@@ -13,6 +13,7 @@ from mission_service import __version__
 from mission_service.cli.burn_commands import burn
 from mission_service.cli.experiment_commands import experiment
 from mission_service.cli.fire_commands import bench, fire
+from mission_service.cli.incident.incident_commands import incident
 from mission_service.cli.incident.map_commands import map_group
 from mission_service.cli.log_commands import log
 from mission_service.cli.mission_commands import lost_link, mission, signing
@@ -86,7 +87,10 @@ def main() -> None:
 
 request.add_command(satellite_pixels)
 
-GROUPS = (fire, bench, mission, signing, lost_link, experiment, tune, burn, request, log, map_group)
+GROUPS = (
+    *(fire, bench, mission, signing, lost_link, experiment, tune, burn, request, log),
+    *(map_group, incident),
+)
 for command in (*GROUPS, mock, token, replay, report, products, docs, observe, plan, sortie):
     main.add_command(command)
 
@@ -262,26 +266,9 @@ def config() -> None:
 @JSON
 def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check FILE and all files that it names."""
-    from firemodel.errors import FireModelError
-    from mission_service.airspace.volumes import require_homes_inside, volumes_of
-    from mission_service.config.rule_lookup import own_ways
-    from mission_service.config.scenario import load_scenario, scenario_path
-    from mission_service.errors import MissionServiceError, ScenarioError
-    from mission_service.fire.scenario_check import check
-    from mission_service.fire.scenario_fire import landscape_of
+    from mission_service.cli.incident.file_check import checked
 
-    loaded = load_scenario(file, overrides)
-    try:
-        summary = check(loaded)
-        landscape = landscape_of(loaded)
-        volumes_of(loaded.airspace, landscape)
-        require_homes_inside(loaded, landscape)
-        if loaded.vehicles and loaded.planner.rule not in own_ways():
-            from mission_service.core.core import Core
-
-            Core(loaded, landscape)  # also creates the planners of other packages
-    except (FireModelError, MissionServiceError) as error:  # the text does not name the file
-        raise ScenarioError(f"{scenario_path(file)}: {error}") from None
+    summary = checked(file, overrides)
     for line in summary["warnings"]:
         echo_warning(line)
     echo({"result": "ok", **summary}, as_json)

@@ -1,0 +1,185 @@
+"""Defines ``mission-service incident``, which makes the scenario file of a new incident."""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from mission_service.cli.incident.map_commands import bounding_box
+from mission_service.cli.options import JSON, echo, echo_warning
+
+Value = TypeVar("Value")
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+STACKS, KINDS = ("px4", "ardupilot"), ("plane", "vtol", "copter")
+
+
+def _numbers(count: int, form: str) -> Callable[[str], tuple[float, ...]]:
+    """Return a function that reads ``count`` numbers; ``form`` states what they are."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            found = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            found = ()
+        if len(found) != count:
+            raise click.BadParameter(f"{text}: write it as {form}")
+        return found
+
+    return read
+
+
+PLACE = _numbers(2, "LAT,LON in degrees, as in 36.35,-84.16")
+WIND = _numbers(2, "SPEED,FROM in m/s and degrees, as in 5,270")
+MOISTURES = _numbers(5, "the moistures of 1 h, 10 h, 100 h, herbs and wood in percent")
+
+
+def aircraft_of(text: str) -> Any:
+    """Read an aircraft as NAME,STACK,KIND,LAT,LON."""
+    from mission_service.cli.incident.scenario_text import Aircraft
+
+    parts = text.split(",")
+    form = f"NAME,{'|'.join(STACKS)},{'|'.join(KINDS)},LAT,LON, as in hawk,px4,plane,36.37,-84.13"
+    if len(parts) != 5 or parts[1] not in STACKS or parts[2] not in KINDS:
+        raise click.BadParameter(f"{text}: write it as {form}")
+    lat_deg, lon_deg = PLACE(",".join(parts[3:]))
+    return Aircraft(parts[0], parts[1], parts[2], (lat_deg, lon_deg))
+
+
+def _layer(text: str) -> tuple[str, Path]:
+    name, _, path = text.partition("=")
+    if not path:
+        raise click.BadParameter(f"{text}: write it as NAME=FILE, as in fuel=fbfm40.tif")
+    return name, Path(path)
+
+
+@click.group()
+def incident() -> None:
+    """Prepare an incident."""
+
+
+@incident.command("new")
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--box", type=bounding_box, metavar="W,S,E,N", help="Level ground of this area.")
+@click.option("--fuel-model", type=int, default=2, show_default=True, help="Fuel of --box.")
+@click.option("--landscape", type=FILE, help="An .lcp file, or a stack of all layers.")
+@click.option(
+    "--layer", "layers", type=_layer, multiple=True, metavar="NAME=FILE",
+    help="A raster of the landscape: fuel, elevation, slope, aspect, canopy_cover ...",
+)  # fmt: skip
+@click.option("--wind", type=WIND, metavar="SPEED,FROM", help="Wind in m/s and degrees.")
+@click.option("--weather", type=FILE, help="A weather file (.raws, .wxs, .wtr, .csv).")
+@click.option("--start", type=click.DateTime(), help="Local time at which --weather is used first.")
+@click.option(
+    "--moistures", type=MOISTURES, default="6,7,8,60,90", show_default=True,
+    metavar="1H,10H,100H,HERB,WOODY", help="Fuel moistures in percent.",
+)  # fmt: skip
+@click.option("--ignition", "ignitions", type=PLACE, multiple=True, metavar="LAT,LON")
+@click.option("--perimeter", type=FILE, help="The outline of the fire instead of ignitions.")
+@click.option(
+    "--vehicle", "aircraft", type=aircraft_of, multiple=True, metavar="NAME,STACK,KIND,LAT,LON",
+    help="An aircraft and its home.",
+)  # fmt: skip
+@click.option("--hours", type=click.FloatRange(0.1, 2000), default=6.0, show_default=True)
+@click.option("--real", is_flag=True, help="A real fire; without it cameras see a simulated fire.")
+@JSON
+def new(file: Path, as_json: bool, **given: Any) -> None:
+    """Make and check the scenario FILE of a new incident; on a terminal, ask for what is missing.
+
+    The landscape is --box, --landscape or --layer; the wind is --wind or in --weather; the fire
+    begins at --ignition or has the outline --perimeter.
+    """
+    from mission_service.cli.incident.file_check import checked
+    from mission_service.cli.incident.scenario_text import scenario_text
+    from mission_service.errors import MissionServiceError
+
+    if file.exists():
+        raise MissionServiceError(f"{file}: exists; give another name")
+    made = file.with_name(f".{file.name}.new")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    made.write_text(scenario_text(_incident(file, given)), encoding="utf-8")
+    try:
+        summary = checked(str(made))
+    except Exception as error:
+        made.unlink()
+        raise _of_file(error, made, file) from None
+    made.replace(file)
+    for line in summary["warnings"]:
+        echo_warning(line)
+    if as_json:
+        echo({"file": str(file), **summary}, as_json)
+    else:
+        click.echo(f"{file}: checked. Next: mission-service run {file} --out out/live")
+
+
+def _of_file(error: Exception, made: Path, file: Path) -> Exception:
+    """Return an error that names the file which the user has given."""
+    from mission_service.errors import ScenarioError
+
+    if isinstance(error, ScenarioError):
+        return ScenarioError(str(error).replace(str(made), str(file)))
+    return error
+
+
+def _incident(file: Path, given: dict[str, Any]) -> Any:
+    """Return the incident of the options, and of answers to questions for what is missing."""
+    from mission_service.cli.incident.scenario_text import MAX_CELLS, MIN_CELLS, Incident, grid_of
+
+    def relative(path: Path | None) -> str | None:
+        return None if path is None else Path(os.path.relpath(path, file.parent)).as_posix()
+
+    layers = {name: relative(path) or "" for name, path in given["layers"]}
+    box = given["box"]
+    _refuse_several(("--box", box), ("--landscape", given["landscape"]), ("--layer", layers))
+    _refuse_several(("--wind", given["wind"]), ("--weather", given["weather"]))
+    _refuse_several(("--ignition", given["ignitions"]), ("--perimeter", given["perimeter"]))
+    if not (box or given["landscape"] or layers):
+        box = _asked("Area as WEST,SOUTH,EAST,NORTH", bounding_box, "--box, --landscape or --layer")
+    if box is not None and not all(MIN_CELLS <= each <= MAX_CELLS for each in grid_of(box)):
+        raise click.UsageError("--box: give an area of 600 m to 120 km along each side")
+    wind, ignitions = given["wind"], given["ignitions"]
+    if wind is None and given["weather"] is None:
+        wind = _asked("Wind as SPEED,FROM (m/s, degrees)", WIND, "--wind or --weather")
+    if not ignitions and given["perimeter"] is None:
+        ignitions = (_asked("Ignition as LAT,LON", PLACE, "--ignition or --perimeter"),)
+    aircraft = given["aircraft"]
+    if not aircraft:
+        form = "Aircraft as NAME,STACK,KIND,LAT,LON"
+        aircraft = (_asked(form, aircraft_of, "--vehicle"),)
+    return Incident(
+        file.stem,
+        given["hours"],
+        box,
+        given["fuel_model"],
+        relative(given["landscape"]),
+        layers,
+        wind,
+        relative(given["weather"]),
+        given["start"],
+        given["moistures"],
+        ignitions,
+        relative(given["perimeter"]),
+        aircraft,
+        not given["real"],
+    )
+
+
+def _refuse_several(*options: tuple[str, object]) -> None:
+    found = [name for name, value in options if value]
+    if len(found) > 1:
+        raise click.UsageError(f"give only one of {' and '.join(found)}")
+
+
+def is_terminal() -> bool:
+    """Return whether questions can be answered."""
+    return sys.stdin.isatty()
+
+
+def _asked(question: str, read: Callable[[str], Value], options: str) -> Value:
+    """Ask on a terminal until the answer is valid; elsewhere, name the missing options."""
+    if not is_terminal():
+        raise click.UsageError(f"give {options}")
+    found: Value = click.prompt(question, value_proc=read, err=True)
+    return found
