@@ -29,6 +29,11 @@ APPROVED = (
 approval = "each"
 """
 )
+TOO_WIDE = """["top", "time", "sorties"].filter((id) => {
+    const { scrollWidth, clientWidth } = document.getElementById(id);
+    return scrollWidth > clientWidth + 1;
+})"""
+MACHINE = 3.0  # test machines are busy and draw without a graphics card
 RINGS = """[...new Set(missionMap.querySourceFeatures('rings')
   .map((each) => each.properties.label).filter(Boolean))]"""
 
@@ -224,6 +229,7 @@ def test_every_panel_and_dialog_is_accessible_in_every_theme_and_size(
         for panel in PANELS:
             page.locator(f"#tab-{panel}").evaluate("tab => tab.click()")
             assert not small_targets(page), (theme, size, panel)
+            assert page.evaluate(TOO_WIDE) == [], (theme, size, panel)
             if panel == "vehicles" and size in ((390, 844), (1440, 900)):
                 state_view(page, f"{theme}-{size[0]}")
             if size in ((360, 640), (1440, 900)):
@@ -293,6 +299,25 @@ def test_a_burn_and_an_alarm_are_accessible(
         expect(page.locator("#top .link.lost")).to_be_visible()
         assert_accessible(page, "lost service")
         seen.complaints.clear()  # errors of requests without a response
+
+
+def test_the_page_is_small_and_its_first_paint_is_early(chromium: Browser, fire: Service) -> None:
+    context = chromium.new_context()
+    page: Any = context.new_page()
+    page.goto(f"{fire.address}/#token={fire.boss}")
+    page.wait_for_selector("#map[data-ready]")
+    measured = page.evaluate(
+        """() => ({
+        paint_ms: performance.getEntriesByName("first-contentful-paint")[0].startTime,
+        bytes: performance.getEntriesByType("navigation")
+            .concat(performance.getEntriesByType("resource"))
+            .filter((each) => !each.name.includes("/api/"))
+            .reduce((sum, each) => sum + each.transferSize, 0),
+    })"""
+    )
+    assert 100_000 < measured["bytes"] < 1_500_000
+    assert measured["paint_ms"] < 1000 * MACHINE
+    context.close()
 
 
 def test_the_token_is_asked_for_accessibly(chromium: Browser, fire: Service) -> None:

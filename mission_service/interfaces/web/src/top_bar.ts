@@ -3,7 +3,7 @@
 import { abortButton } from "./abort.ts";
 import type { Alarms } from "./alarms.ts";
 import { clearButton } from "./clearing.ts";
-import { byId, h, setText } from "./dom.ts";
+import { byId, fill, h, setText } from "./dom.ts";
 import type { Store } from "./store.ts";
 import type { Replay } from "./types.ts";
 import { area, clock, timeOfDay } from "./units.ts";
@@ -23,7 +23,8 @@ export function topBar(store: Store, alarms: Alarms, waiting: HTMLElement, help:
   const size = h("span", { class: "size" });
   const link = h("span", { class: "link", role: "status" });
   const ready = h("span", { class: "ready" });
-  byId("top").append(
+  fill(
+    byId("top"),
     badge,
     name,
     time,

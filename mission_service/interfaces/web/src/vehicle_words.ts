@@ -48,7 +48,7 @@ function groundWords(vehicle: Vehicle): string {
 
 function steeredWords(store: Store, vehicle: Vehicle): string {
   const why = store.missions.get(vehicle.vehicle)?.on_board?.why;
-  const mission = why ? ` (mission: ${why})` : "";
+  const mission = why ? ` (reason of its mission: ${why})` : "";
   if (vehicle.orbit) return `Orbits its virtual agent${mission}`;
   if (!vehicle.direction) return `Under way${mission}`;
   const turnedS = vehicle.reversed_at_us === null ? null : store.nowS - vehicle.reversed_at_us / 1e6;
