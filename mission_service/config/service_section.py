@@ -217,7 +217,7 @@ class JournalSection(Section):
 class ServiceSection(Section):
     """The interfaces, the journal and the shutdown of the daemon."""
 
-    http: HttpSection | None = HttpSection()  # the file states ``http = false`` for None
+    http: HttpSection | None = HttpSection()
     mqtt: MqttSection | None = None
     cot: CotSection | None = None
     fire_arrival: FireArrivalSection | None = None
