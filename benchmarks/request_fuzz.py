@@ -211,6 +211,8 @@ class RequestGenerator:
                 return str(rng.choice(["ann", "cy", "no such volume", "", ""]))
             case "text":
                 return str(rng.choice(["gate locked", " ", "é" * 200]))
+            case "alarm":
+                return str(rng.choice(["link/hawk", "abort", "no such alarm", " "]))
             case "override":
                 return str(rng.choice(["the monitor is not calibrated", "", "", " "]))
             case "source":

@@ -632,6 +632,12 @@ class Aborted(OperatorEvent, frozen=True, tag=True):
     """An operator ordered an abort: drops end, and vehicles climb to the safe height and hold."""
 
 
+class AlarmAcknowledged(OperatorEvent, frozen=True, tag=True):
+    """An operator has read an alarm (its key) and attends to it."""
+
+    alarm: str
+
+
 class OperatorHeartbeat(OperatorEvent, frozen=True, tag=True):
     """A report, every few seconds, that an operator's display is open."""
 
@@ -753,6 +759,7 @@ AnyOperatorEvent = (
     | Rejected
     | Aborted
     | NoteAdded
+    | AlarmAcknowledged
     | AirspaceClosed
     | AirspaceOpened
     | ClearingOrdered

@@ -25,6 +25,8 @@ def operator_line(event: events.AnyEvent) -> str:
         case events.NoteAdded():
             place = f"{event.lat_deg:.5f}, {event.lon_deg:.5f}"
             return f"{by} notes at {place}: {event.text}"
+        case events.AlarmAcknowledged():
+            return f"{by} acknowledges the alarm {event.alarm}"
         case events.SettingsChanged():
             values = [f"{name} = {value:g}" for name, value in event.given.items()]
             return f"{by} changes settings: {', '.join(values)}"

@@ -158,6 +158,19 @@ class Abort(Request, frozen=True):
     path = "/abort"
 
 
+class Acknowledge(Request, frozen=True):
+    """Acknowledge an alarm, so that it is not sent to further receivers."""
+
+    makes = events.AlarmAcknowledged
+    role = "correct"
+    path = "/alarms/{do}"
+    example: ClassVar = {"alarm": "link/hawk"}
+
+    alarm: Annotated[
+        str, Meta(max_length=200, pattern=NAME, description="The key of an active alarm.")
+    ]
+
+
 class FireRequest(Request, frozen=True):
     """A report about the fire."""
 
@@ -657,7 +670,7 @@ class Replay(Request, frozen=True):
 
 OF_EVERY_RUN = (
     *(Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Note, Present),
-    *(Close, Open, Clear, CancelClearing),
+    *(Acknowledge, Close, Open, Clear, CancelClearing),
 )
 OF_VEHICLES = (
     *(Hold, Resume, Return, Land, GoAround, Start, Takeoff),

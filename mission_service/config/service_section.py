@@ -183,6 +183,23 @@ class CotSection(Section):
         return int(self.url.rpartition(":")[2])
 
 
+class AlarmReceiverSection(Section):
+    """A receiver of alarms: e-mail, text message, webhook, and others (URLs of Apprise).
+
+    An alarm is sent once it has been active for ``after_s`` without acknowledgement, and again
+    every ``repeat_s`` until an operator acknowledges it.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    # Such as "mailtos://USER:PASSWORD@HOST?to=ADDRESS" or "jsons://HOST/PATH"; or the source of the
+    # URL, "file:PATH" or "env:NAME", because a URL may contain a password.
+    url: Annotated[str, Field(min_length=1)]
+    min_severity: Literal["warning", "severe"] = "severe"
+    kinds: tuple[str, ...] = ()  # beginnings of keys of alarms, such as "fire_arrival"; empty: all
+    after_s: Annotated[float, Field(ge=0, le=86_400)] = 0.0
+    repeat_s: Annotated[float, Field(ge=60, le=86_400)] | None = None
+
+
 class FireArrivalSection(Section):
     """The watch of the fire's arrival at people and at values at risk, and its alarms.
 
@@ -221,6 +238,7 @@ class ServiceSection(Section):
     mqtt: MqttSection | None = None
     cot: CotSection | None = None
     fire_arrival: FireArrivalSection | None = None
+    alarm_receivers: tuple[AlarmReceiverSection, ...] = ()
     journal: JournalSection = JournalSection()
     # The command to vehicles at an orderly shutdown: none (missions end in a loiter), a hold at the
     # current position, or a return home.

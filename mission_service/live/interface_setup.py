@@ -57,6 +57,10 @@ def interfaces_of(
         from mission_service.interfaces.cot.cot_sender import cot_interface
 
         run_interfaces.append(cot_interface(settings.cot, site))
+    if settings.alarm_receivers:
+        from mission_service.interfaces.notifications.notifier import alarm_notifier
+
+        run_interfaces.append(alarm_notifier(settings.alarm_receivers, site))
     return run_interfaces
 
 

@@ -196,7 +196,11 @@ class MissionState(msgspec.Struct, tag="mission/1", tag_field="schema"):
 
 
 class Alarm(msgspec.Struct, tag="alarm/1", tag_field="schema"):
-    """A fault, active until it is cleared."""
+    """A fault, active until it is cleared.
+
+    ``acknowledged_by`` names the operator that has acknowledged it; an alarm that becomes severe
+    must be acknowledged again.
+    """
 
     alarm: str  # key of the alarm: link/hawk, broker, journal
     at_us: int
@@ -204,6 +208,8 @@ class Alarm(msgspec.Struct, tag="alarm/1", tag_field="schema"):
     severity: Severity
     text: str
     cleared_at_us: int | None = None
+    acknowledged_by: str = ""
+    acknowledged_at_us: int | None = None
 
 
 class Announcement(msgspec.Struct, tag="event/1", tag_field="schema"):

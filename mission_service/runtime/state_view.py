@@ -42,6 +42,7 @@ from mission_service.events import (
     AircraftReported,
     AirspaceClosed,
     AirspaceOpened,
+    AlarmAcknowledged,
     AnyEvent,
     AnyOperatorEvent,
     BatteryUpdated,
@@ -102,6 +103,11 @@ FIRE_EVERY_US = 30_000_000
 SOURCES_EVERY_US = 5_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
 OF_AIRSPACE = (AirspaceClosed, AirspaceOpened, ClearingOrdered, ClearingCancelled)
+# Kinds of the lines of the log about events of operators; all other lines concern the fire.
+RECORD_KINDS: dict[type[OperatorEvent], RecordKind] = {
+    SettingsChanged: "settings",
+    AlarmAcknowledged: "alarm",
+}
 OF_FIRE = ("edge", "input")  # prefixes of alarms about the fire, which persist after a restart
 # Prefixes of the alarms that follow from the flight; all others concern the service itself.
 OF_FLIGHT = (
@@ -186,13 +192,15 @@ class StateView(Notices):
         commands = list(commands)
         self.statistics.apply(event, commands)
         if isinstance(event, OperatorEvent):
-            self._asked(event, questioned(commands))
+            if isinstance(event, AlarmAcknowledged):
+                self.acknowledge_alarm(event.alarm, event.by or "an operator")
+            else:
+                self._asked(event, questioned(commands))
             line = operator_line(event)
             if isinstance(event, NoteAdded):
                 self._record("note", "", line, note=event)
             elif line:
-                kind: RecordKind = "settings" if isinstance(event, SettingsChanged) else "fire"
-                self._record(kind, "", line)
+                self._record(RECORD_KINDS.get(type(event), "fire"), "", line)
         elif event.vehicle in self.vehicles:
             self._happened(self.vehicles[event.vehicle], event)
         for command in commands:

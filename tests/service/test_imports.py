@@ -74,6 +74,7 @@ SHELL = {
     "mission_service/interfaces/maps/run_fronts.py",  # runs in a thread
     "mission_service/interfaces/mqtt/command_inbox.py",
     "mission_service/interfaces/mqtt/publisher.py",
+    "mission_service/interfaces/notifications/notifier.py",
     "mission_service/runtime/systemd_notify.py",
     "mission_service/cli/mission_transfers.py",
     "mission_service/experiments/tuning.py",  # DEAP uses the global random generator

@@ -35,7 +35,11 @@ class Notices:
         if before is not None and (before.text, before.severity) == (text, severity):
             return
         since_us = self.at_us if before is None else before.at_us
-        self.alarms[key] = Alarm(key, since_us, vehicle, severity, text)
+        alarm = Alarm(key, since_us, vehicle, severity, text)
+        if before is not None and (before.severity == "severe" or severity == "warning"):
+            alarm.acknowledged_by = before.acknowledged_by
+            alarm.acknowledged_at_us = before.acknowledged_at_us
+        self.alarms[key] = alarm
         if before is None:
             self.statistics.alarms[key.partition("/")[0]] += 1
             self._record("alarm", vehicle, f"alarm: {text}", "warning")
@@ -48,6 +52,13 @@ class Notices:
                 self.clear_alarm(key)
         for name, text in texts.items():
             self.alarm(f"{prefix}/{name}", text, severity)
+
+    def acknowledge_alarm(self, key: str, by: str) -> None:
+        """Mark an active alarm as acknowledged by an operator; other keys have no effect."""
+        alarm = self.alarms.get(key)
+        if alarm is not None and not alarm.acknowledged_by:
+            alarm.acknowledged_by, alarm.acknowledged_at_us = by, self.at_us
+            self._touch("alarms")
 
     def clear_alarm(self, key: str) -> None:
         """Clear an alarm."""

@@ -1,0 +1,1 @@
+"""Sends alarms to people: by e-mail, text message, webhook and other services."""

@@ -1,0 +1,111 @@
+"""Delivers alarms to the receivers of ``[[service.alarm_receivers]]`` with the library Apprise."""
+
+import asyncio
+import logging
+import re
+from collections.abc import Callable, Coroutine, Sequence
+from typing import TYPE_CHECKING, Any
+
+from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.signing import held
+from mission_service.config.sections import KEY_SOURCE
+from mission_service.config.service_section import AlarmReceiverSection
+from mission_service.errors import MissionServiceError
+from mission_service.interfaces.notifications.alarm_dispatch import (
+    OWN_KIND,
+    AlarmDispatch,
+    Message,
+)
+from mission_service.runtime.clocks import clock_us
+from mission_service.runtime.redaction import hide
+
+if TYPE_CHECKING:
+    from mission_service.runtime.run_context import RunContext
+
+LOOK_S = 1.0
+ANSWER_S = 30.0  # time limit for one delivery
+
+Deliver = Callable[[Message], Coroutine[Any, Any, str]]
+
+
+def alarm_notifier(
+    receivers: Sequence[AlarmReceiverSection], site: str
+) -> Callable[["RunContext"], Coroutine[Any, Any, None]]:
+    """Return the coroutine function that sends alarms of the run ``site`` until cancelled.
+
+    Raises MissionServiceError for receivers that cannot be used.
+    """
+    deliveries = [apprise_delivery(each) for each in receivers]
+
+    async def run_interface(context: "RunContext") -> None:
+        async with asyncio.TaskGroup() as group:
+            for receiver, deliver in zip(receivers, deliveries, strict=True):
+                group.create_task(notify(context, receiver, site, deliver))
+
+    return run_interface
+
+
+async def notify(
+    context: "RunContext", receiver: AlarmReceiverSection, site: str, deliver: Deliver
+) -> None:
+    """Send the alarms of a run to one receiver until cancelled.
+
+    ``deliver`` returns why a message was not delivered, or "". While messages are not delivered, an
+    alarm is active.
+    """
+    view, dispatch = context.state_view, AlarmDispatch(receiver, site)
+    key = f"{OWN_KIND}/{receiver.name}"
+    while True:
+        message = dispatch.next_message(list(view.alarms.values()), clock_us() / 1e6)
+        if message is not None:
+            problem = await deliver(message)
+            if problem:
+                dispatch.failed(clock_us() / 1e6)
+                view.alarm(key, f"alarms are not delivered to {receiver.name}: {problem}")
+            else:
+                dispatch.delivered(message, clock_us() / 1e6)
+                view.clear_alarm(key)
+                context.service.announce("service", f"sent to {receiver.name}: {message.title}")
+            context.ring()
+        await asyncio.sleep(LOOK_S)
+
+
+def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
+    """Return the coroutine function that delivers messages to a receiver.
+
+    Raises MissionServiceError if the receiver's URL cannot be used.
+    """
+    what = f"[[service.alarm_receivers]] {receiver.name}: url"
+    try:
+        import apprise  # takes 0.3 s; only runs with receivers use it
+    except ImportError:
+        raise MissionServiceError(
+            f"{what}: requires Apprise: pip install 'mission-service[notify]'"
+        ) from None
+    url = receiver.url
+    if re.fullmatch(KEY_SOURCE, url):
+        try:
+            url = held(url, what)
+        except BridgeError as error:
+            raise MissionServiceError(str(error)) from None
+        hide(url)
+    logging.getLogger("apprise").setLevel(logging.CRITICAL)  # reasons are in the results
+    service = apprise.Apprise()
+    if not service.add(url):
+        raise MissionServiceError(
+            f"{what}: is not an address that Apprise supports; examples: "
+            '"mailtos://USER:PASSWORD@HOST?to=ADDRESS", "jsons://HOST/PATH" '
+            "(https://appriseit.com/services)"
+        )
+
+    async def deliver(message: Message) -> str:
+        try:
+            async with asyncio.timeout(ANSWER_S):
+                result = await service.async_notify(title=message.title, body=message.body)
+        except TimeoutError:
+            return f"no answer within {ANSWER_S:.0f} s"
+        if result:
+            return ""
+        return next((each.message for each in result.logs()), "the service refused the message")
+
+    return deliver

@@ -1,0 +1,157 @@
+"""Alarms reach a real mail server and a real web server, also after these have failed."""
+
+import asyncio
+import json
+import socket
+import threading
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from email import message_from_bytes
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiosmtpd.controller import Controller
+from aiosmtpd.smtp import SMTP, Envelope, Session
+
+from mission_service.config.service_section import AlarmReceiverSection, MqttSection
+from mission_service.errors import MissionServiceError
+from mission_service.interfaces.notifications import alarm_dispatch
+from mission_service.interfaces.notifications.notifier import alarm_notifier, apprise_delivery
+from mission_service.runtime.run_context import RunContext
+from tests.mqtt.stage import context_of
+from tests.patience import PATIENCE_S, until
+
+
+class Mailbox:
+    """A handler of a mail server that stores the mails."""
+
+    def __init__(self) -> None:
+        self.mails: list[Any] = []
+
+    async def handle_DATA(self, server: SMTP, session: Session, envelope: Envelope) -> str:  # noqa: N802
+        self.mails.append(message_from_bytes(envelope.content or b""))  # type: ignore[arg-type]
+        return "250 OK"
+
+
+@contextmanager
+def web_server(status: list[int]) -> Iterator[tuple[int, list[dict[str, Any]]]]:
+    """Yield the port of a web server and the JSON bodies that it received.
+
+    The server answers with the last of ``status``.
+    """
+    received: list[dict[str, Any]] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["content-length"]))
+            received.append(json.loads(body))
+            self.send_response(status[-1])
+            self.end_headers()
+
+        def log_message(self, *args: Any) -> None:
+            pass
+
+    server = HTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield server.server_port, received
+    finally:
+        server.shutdown()
+        thread.join(PATIENCE_S)
+        server.server_close()
+
+
+@asynccontextmanager
+async def notifying(*receivers: AlarmReceiverSection) -> AsyncIterator[RunContext]:
+    context = context_of(MqttSection(), lambda request: {})
+    task = asyncio.create_task(alarm_notifier(receivers, "east")(context))
+    try:
+        yield context
+        assert not task.done(), task
+    finally:
+        task.cancel()
+        await asyncio.wait([task])
+
+
+def test_an_alarm_arrives_by_mail() -> None:
+    box = Mailbox()
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        port = found.getsockname()[1]
+    controller = Controller(box, hostname="127.0.0.1", port=port)
+    controller.start()
+    try:
+        url = f"mailto://127.0.0.1:{port}?from=service@east.example&to=chief@east.example"
+
+        async def look() -> None:
+            async with notifying(AlarmReceiverSection(name="chief", url=url)) as context:
+                context.state_view.alarm("link/hawk", "hawk: link lost", "severe")
+                await until(lambda: box.mails)
+                context.state_view.clear_alarm("link/hawk")
+                await until(lambda: len(box.mails) == 2)
+
+        asyncio.run(look())
+    finally:
+        controller.stop()
+    first, last = box.mails
+    assert first["subject"] == "east: 1 alarm"
+    assert first["to"] == "chief@east.example"
+    assert "ALARM: hawk: link lost" in first.as_string()
+    assert "Ended: hawk: link lost" in last.as_string()
+
+
+def test_a_webhook_that_fails_is_an_alarm_and_gets_the_message_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(alarm_dispatch, "FIRST_RETRY_S", 0.1)
+    status = [500]
+    with web_server(status) as (port, received):
+        webhook = AlarmReceiverSection(name="hook", url=f"json://127.0.0.1:{port}/alarms")
+
+        async def look() -> None:
+            async with notifying(webhook) as context:
+                view = context.state_view
+                view.alarm("link/hawk", "hawk: link lost", "severe")
+                await until(lambda: "notification/hook" in view.alarms)
+                text = view.alarms["notification/hook"].text
+                assert text.startswith("alarms are not delivered to hook: ")
+                status.append(200)
+                await until(lambda: "notification/hook" not in view.alarms)
+                assert view.announcements[-1].text == "sent to hook: east: 1 alarm"
+
+        asyncio.run(look())
+    assert len(received) >= 2
+    assert received[-1]["title"] == "east: 1 alarm"
+    assert received[-1]["message"] == "ALARM: hawk: link lost"
+
+
+def test_a_silent_server_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mission_service.interfaces.notifications.notifier.ANSWER_S", 0.2)
+
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        url = f"json://127.0.0.1:{silent.getsockname()[1]}?cto=1&rto=1"
+        deliver = apprise_delivery(AlarmReceiverSection(name="slow", url=url))
+        message = alarm_dispatch.Message("title", "body", (), ())
+        assert asyncio.run(deliver(message)) == "no answer within 0 s"
+
+
+@pytest.mark.parametrize(
+    ("url", "problem"),
+    [
+        ("nonsense", "is not an address that Apprise supports"),
+        ("env:NO_SUCH_VARIABLE_HERE", "has no variable NO_SUCH_VARIABLE_HERE"),
+        ("file:/no/such/file", "No such file"),
+    ],
+)
+def test_an_unusable_address_is_refused_before_the_run(url: str, problem: str) -> None:
+    with pytest.raises(MissionServiceError, match=problem) as error:
+        alarm_notifier([AlarmReceiverSection(name="ann", url=url)], "east")
+    assert "\n" not in str(error.value)
+
+
+def test_an_address_is_read_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "url"
+    path.write_text("json://127.0.0.1:9/secret\n", encoding="utf-8")
+    apprise_delivery(AlarmReceiverSection(name="ann", url=f"file:{path}"))
