@@ -116,7 +116,7 @@ def test_a_webhook_that_fails_is_an_alarm_and_gets_the_message_later(
                 view.alarm("link/hawk", "hawk: link lost", "severe")
                 await until(lambda: "notification/hook" in view.alarms)
                 text = view.alarms["notification/hook"].text
-                assert text.startswith("alarms are not delivered to hook: ")
+                assert text.startswith("alarms are not delivered to hook: Failed to send JSON")
                 status.append(200)
                 await until(lambda: "notification/hook" not in view.alarms)
                 assert view.announcements[-1].text == "sent to hook: east: 1 alarm"

@@ -89,7 +89,7 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
         except BridgeError as error:
             raise MissionServiceError(str(error)) from None
         hide(url)
-    logging.getLogger("apprise").setLevel(logging.CRITICAL)  # reasons are in the results
+    logging.getLogger("apprise").propagate = False  # the reasons are in the results
     service = apprise.Apprise()
     if not service.add(url):
         raise MissionServiceError(
@@ -101,7 +101,9 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
     async def deliver(message: Message) -> str:
         try:
             async with asyncio.timeout(ANSWER_S):
-                result = await service.async_notify(title=message.title, body=message.body)
+                result = await asyncio.to_thread(
+                    service.notify, title=message.title, body=message.body
+                )
         except TimeoutError:
             return f"no answer within {ANSWER_S:.0f} s"
         if result:
