@@ -18,6 +18,7 @@ from mission_service.interfaces.api.access.auth import ROLES, User
 from mission_service.interfaces.api.access.guard import MAX_OF_A_DETECTOR, AccessGuard
 from mission_service.interfaces.api.app import role_of, routes_of
 from mission_service.interfaces.api.responses import MAX_BODY_BYTES
+from mission_service.interfaces.limits import RateLimiter
 from tests.api.worlds import HOST, Call, Served, World, calls, client, scenario_of, served, world_in
 from tests.patience import until
 
@@ -350,7 +351,17 @@ def test_bodies_have_limits(flying: World) -> None:
     asked(flying, ask)
 
 
-def test_too_many_requests_wait_but_an_abort_never_does(flying: World) -> None:
+def test_too_many_requests_wait_but_an_abort_never_does(
+    flying: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check_rate = AccessGuard._check_rate
+
+    def at_one_time(guard: AccessGuard, limiter: RateLimiter, client: str) -> None:
+        guard._now_s = lambda: 100.0  # a slow machine would send fewer requests a second
+        check_rate(guard, limiter, client)
+
+    monkeypatch.setattr(AccessGuard, "_check_rate", at_one_time)
+
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         undo = [
             await http.post(f"{V1}/fire/undo", headers=service.headers("correct"))
