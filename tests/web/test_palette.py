@@ -42,7 +42,7 @@ def seen_lab(colour: str) -> NDArray[np.float64]:
     return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
 
 
-@pytest.mark.parametrize("group", ["pens", "missions", "vehicles", "aircraft", "fire"])
+@pytest.mark.parametrize("group", ["pens", "missions", "vehicles", "aircraft", "arrival", "fire"])
 def test_colours_differ_for_people_with_deuteranopia(group: str) -> None:
     colours = groups()[group]
     assert len(colours) >= 3

@@ -3,6 +3,8 @@
 // service and old data.
 
 import { createElement, Volume2, VolumeX } from "lucide";
+import { lacking, showMessage } from "./actions.ts";
+import { errorText, post } from "./api.ts";
 import { byId, fill, h, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
 import { beep, canSound, readySound } from "./sound.ts";
@@ -15,6 +17,8 @@ const MUTED_MS = 120_000;
 const LOST_S = 3; // a shorter loss of the connection is not an alarm
 const STILL_S = 20; // limit of the time in which mission time does not advance
 const MAX_SHOWN = 3;
+const MAX_SENT = 20; // acknowledgements at once; the service limits the rate of requests
+const OWN = "page/"; // keys of the alarms of the page itself
 
 export class Alarms {
   readonly button = h("button", { id: "sound", type: "button" });
@@ -50,7 +54,7 @@ export class Alarms {
     if (store.linked) this.lostAt = 0;
     else if (!this.lostAt) this.lostAt = performance.now();
     const lostS = this.lostAt ? (performance.now() - this.lostAt) / 1000 : 0;
-    const base = { vehicle: "", severity: "severe", cleared_at_us: null } as const;
+    const base = { vehicle: "", severity: "severe", cleared_at_us: null, acknowledged_by: "" } as const;
     if (store.state && lostS > LOST_S) {
       const text = `Service lost (${store.lossReason}). The data are ${duration(store.ageS)} old`;
       return [{ ...base, alarm: "page/service", at_us: Math.round(this.lostAt), text }];
@@ -67,7 +71,7 @@ export class Alarms {
     const keys = new Set(current.map(keyOf));
     for (const key of this.acknowledged) if (!keys.has(key)) this.acknowledged.delete(key);
     for (const key of this.sounded) if (!keys.has(key)) this.sounded.delete(key);
-    const open = current.filter((alarm) => !this.acknowledged.has(keyOf(alarm)));
+    const open = current.filter((alarm) => this.isOpen(alarm));
     const fresh = open.find((alarm) => !this.sounded.has(keyOf(alarm)));
     if (fresh) {
       for (const alarm of open) this.sounded.add(keyOf(alarm));
@@ -113,12 +117,19 @@ export class Alarms {
   }
 
   private acknowledge(alarms: Alarm[]): void {
+    const open = alarms.filter((alarm) => this.isOpen(alarm) && !alarm.alarm.startsWith(OWN));
     for (const alarm of alarms) this.acknowledged.add(keyOf(alarm));
     this.renew();
+    if (!lacking(this.store, "correct")) void sendAcknowledged(open.slice(0, MAX_SENT));
+  }
+
+  /** An alarm is open until it is acknowledged here, or at another station. */
+  private isOpen(alarm: Alarm): boolean {
+    return !alarm.acknowledged_by && !this.acknowledged.has(keyOf(alarm));
   }
 
   private soundSevere(): void {
-    const open = this.current().some((alarm) => alarm.severity === "severe" && !this.acknowledged.has(keyOf(alarm)));
+    const open = this.current().some((alarm) => alarm.severity === "severe" && this.isOpen(alarm));
     if (open && this.mayBeep(true)) beep("severe");
     if (this.muted) this.nameButton();
   }
@@ -152,4 +163,16 @@ const keyOf = (alarm: Alarm): string => `${alarm.alarm}@${alarm.at_us}`;
 
 function alarmText(alarm: Alarm): string {
   return alarm.alarm.startsWith("page/") ? alarm.text : `${alarm.text} (since ${clock(alarm.at_us / 1e6)})`;
+}
+
+/** Send acknowledgements, so that the alarms are not sent to further people. */
+async function sendAcknowledged(alarms: Alarm[]): Promise<void> {
+  for (const { alarm } of alarms) {
+    try {
+      await post("alarms/acknowledge", { alarm });
+    } catch (error) {
+      showMessage(`The acknowledgement was not sent: ${errorText(error)}`, true);
+      return;
+    }
+  }
 }

@@ -5,6 +5,7 @@ import type { Map as MapView } from "maplibre-gl";
 import { AIRCRAFT_GROUPS, aircraftLayers, followAircraft } from "./aircraft_layer.ts";
 import { Alarms } from "./alarms.ts";
 import { get, whenUnauthorised } from "./api.ts";
+import { ARRIVAL_GROUPS, arrivalLayers, followArrivals } from "./arrival_layer.ts";
 import { AIRSPACE_GROUPS, airspaceLayers, followAirspace } from "./airspace_layer.ts";
 import { addBasemaps, RELIEF_GROUPS } from "./basemaps.ts";
 import { BURN_GROUPS, burnLayers, followBurn } from "./burn_layer.ts";
@@ -45,7 +46,7 @@ import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./ve
 
 const groups: Record<string, Group> = {
   ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...AIRCRAFT_GROUPS,
-  ...BURN_GROUPS, ...AIRSPACE_GROUPS, ...NOTE_GROUPS, ...RING_GROUPS,
+  ...ARRIVAL_GROUPS, ...BURN_GROUPS, ...AIRSPACE_GROUPS, ...NOTE_GROUPS, ...RING_GROUPS,
   ...RELIEF_GROUPS,
 };
 const store = new Store();
@@ -103,6 +104,7 @@ async function makeMapOnce(): Promise<void> {
     burnLayers,
     ringLayers,
     noteLayers,
+    arrivalLayers,
     aircraftLayers,
     vehicleLayers,
     measureLayers,
@@ -126,6 +128,7 @@ async function makeMapOnce(): Promise<void> {
   followAirspace(made, store);
   followMeasured(made, store);
   followNotes(made, store);
+  followArrivals(made, store);
   store.changed("all");
   Object.assign(window, { missionMap: made }); // for the console, and for tests
   await addBasemaps(made, Boolean(made.getLayer("hillshade")), toggle, themed);

@@ -12,6 +12,7 @@ import type {
   MapImage,
   MissionState,
   Announcement,
+  FireArrival,
   LogRecord,
   Replay,
   Source,
@@ -32,6 +33,7 @@ export type Topic =
   | "fire"
   | "sources" // of observations
   | "aircraft" // other aircraft
+  | "fire_arrivals" // the fire's arrival at people and values at risk
   | "images" // of sensors, and the selected one
   | "burn"
   | "airspace"
@@ -262,6 +264,9 @@ export class Store {
         break;
       case "aircraft":
         this.state.aircraft = part as Aircraft[];
+        break;
+      case "fire_arrivals":
+        this.state.fire_arrivals = part as FireArrival[];
         break;
       case "burn":
         this.state.burn = part as Burn | null;

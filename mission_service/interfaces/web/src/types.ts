@@ -120,6 +120,20 @@ export interface Alarm {
   severity: "warning" | "severe";
   text: string;
   cleared_at_us: number | null;
+  acknowledged_by: string;
+}
+
+/** When the fire reaches a person or a value at risk; null: not within the forecast. */
+export interface FireArrival {
+  at_us: number;
+  key: string;
+  name: string;
+  kind: "person" | "value";
+  lat_deg: number;
+  lon_deg: number;
+  early_at_us: number | null; // with a probability of 10 %
+  median_at_us: number | null; // 50 %
+  late_at_us: number | null; // 90 %
 }
 
 export interface Announcement {
@@ -421,4 +435,5 @@ export interface State {
   sources: Source[];
   airspace: Airspace;
   aircraft: Aircraft[];
+  fire_arrivals: FireArrival[];
 }

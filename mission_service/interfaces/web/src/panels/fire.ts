@@ -10,7 +10,9 @@ import type { Group } from "../map.ts";
 import type { Store } from "../store.ts";
 import { area, clock, compass, speed, speedUnit } from "../units.ts";
 import { type Wind, windDial } from "../wind_dial.ts";
+import { arrivalsSection } from "./arrivals.ts";
 import { button, layerBox, scaleBar, section, type Toggle } from "./parts.ts";
+import { productsSection } from "./products.ts";
 
 interface Weather {
   weather: { wind_speed_m_s: number; wind_from_deg: number };
@@ -51,6 +53,7 @@ export class FirePanel {
     this.element.append(
       this.size,
       this.warnings,
+      arrivalsSection(store),
       section("Shown on the map", h("div", { class: "checks" }, ...boxes), this.legend),
       section(
         "Wind",
@@ -65,6 +68,7 @@ export class FirePanel {
         h("label", { for: "perimeter" }, "GeoJSON, KML, KMZ or zipped Shapefile; or drop it on the map"),
         this.file,
       ),
+      productsSection(store),
     );
     const weather = coalesced(async () => {
       const { weather: air, wind_set: windSet } = await get<Weather>("weather");
