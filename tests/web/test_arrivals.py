@@ -29,7 +29,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     world = world_in(tmp_path_factory.mktemp("run"), SCENARIO)
     world.fly(SCENARIO.deploy_at_s + 60.0)
     context, now_us = world.context, world.simulation.clock.now_us
-    lat_deg, lon_deg = SCENARIO.ignition[0].lat_deg, SCENARIO.ignition[0].lon_deg
+    lat_deg, lon_deg = context.landscape.centre_lat_lon
 
     def arrival(name: str, north_deg: float, *minutes: float | None) -> FireArrival:
         times = [None if each is None else now_us + round(each * MIN_US) for each in minutes]
