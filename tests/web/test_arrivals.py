@@ -29,12 +29,17 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     world = world_in(tmp_path_factory.mktemp("run"), SCENARIO)
     world.fly(SCENARIO.deploy_at_s + 60.0)
     context, now_us = world.context, world.simulation.clock.now_us
-    lat_deg, lon_deg = context.landscape.centre_lat_lon
+    lat_deg, lon_deg = SCENARIO.ignition[0].lat_deg, SCENARIO.ignition[0].lon_deg
+    assert lat_deg is not None
+    assert lon_deg is not None
+
+    def place_of(north_deg: float) -> tuple[float, float]:
+        return lat_deg + north_deg, lon_deg
 
     def arrival(name: str, north_deg: float, *minutes: float | None) -> FireArrival:
         times = [None if each is None else now_us + round(each * MIN_US) for each in minutes]
         return FireArrival(
-            *(now_us, None, f"person/{name}", name, "person", lat_deg + north_deg, lon_deg, None),
+            *(now_us, None, f"person/{name}", name, "person", *place_of(north_deg), None),
             *(times[0], times[1], times[2], now_us + 360 * MIN_US),
         )
 
