@@ -1,5 +1,11 @@
 """Defines the errors of the service. Each error text is one line with place, cause and remedy."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+MAX_COMPARED = 80  # characters of an unknown name that are compared with known names
+
 
 class MissionServiceError(Exception):
     """Base class of errors that a user can resolve; the command line exits with 1."""
@@ -50,6 +56,21 @@ class NotRecordedError(MissionServiceError):
 
 class FlightError(MissionServiceError):
     """A logged flight cannot be replayed; the message states the reason and the remedy."""
+
+
+def did_you_mean(given: str, known: Iterable[str]) -> str:
+    """Return ``; did you mean NAME?`` with the known name that is most like ``given``.
+
+    Args:
+        given: An unknown name.
+        known: The names that are valid in its place.
+
+    Returns:
+        Text for the end of an error, or an empty text if no known name is similar. Case is ignored.
+    """
+    names = {name.casefold(): name for name in known}
+    found = get_close_matches(given[:MAX_COMPARED].casefold(), names, n=1)
+    return f"; did you mean {names[found[0]]}?" if found else ""
 
 
 def in_words(error: BaseException) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from mission_service.errors import did_you_mean
 from mission_service.requests import PATTERNS
 
 Schema = Mapping[str, Any]
@@ -63,9 +64,9 @@ def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
     if missing := _MISSING.match(problem):
         return missing_key([*path, missing[1]], schema)
     if unknown := _UNKNOWN_KEY.match(problem):
-        keys = schema_at(schema, path) or {}
-        known = (name for name in keys["properties"] if name != REQUEST_KEY)
-        return f"{_key([*path, unknown[1]])}: unknown key; give {', '.join(known)}"
+        known = [name for name in keys_at(schema, path) if name != REQUEST_KEY]
+        meant = did_you_mean(unknown[1], known)
+        return f"{_key([*path, unknown[1]])}: unknown key; give {', '.join(known)}{meant}"
     found = schema_at(schema, path)
     if not place or found is None:
         return str(error)
@@ -86,6 +87,14 @@ def schema_at(schema: Schema, path: Path) -> Schema | None:
         path: The keys and the indices of lists from the whole value to the part.
     """
     return _at(schema, list(path), schema)
+
+
+def keys_at(schema: Schema, path: Path) -> list[str]:
+    """Return the keys of the table at a path, of all its variants; empty for other values."""
+    found = schema_at(schema, path)
+    variants = [] if found is None else found.get("anyOf", [found])
+    parts = (_resolved(each, schema) for each in variants)
+    return list(dict.fromkeys(key for part in parts for key in part.get("properties", ())))
 
 
 def _at(part: Schema, path: list[str | int], whole: Schema) -> Schema | None:

@@ -128,6 +128,17 @@ class RequestGroup(click.Group):
         kind = None if own is not None else self._table().get(cmd_name)
         return own if kind is None else command_of(kind, cmd_name)
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that ``args`` begins with; an error proposes one from the table."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.exceptions.NoSuchCommand as error:
+            raise click.exceptions.NoSuchCommand(
+                error.command_name, possibilities=self.list_commands(ctx), ctx=ctx
+            ) from None
+
 
 def _all_requests() -> dict[str, Any]:
     from mission_service.core.request_events import ALL_REQUESTS

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field, field_validator
 
 from mission_service.config.section_base import NotNegative, Positive, Section
+from mission_service.errors import did_you_mean
 
 if TYPE_CHECKING:
     from mission_service.config.scenario import Scenario
@@ -59,7 +60,8 @@ def refuse_relief(scenario: "Scenario", relief: ReliefSection) -> None:
     by_name = {vehicle.name: vehicle for vehicle in scenario.vehicles}
     for name in relief.vehicles:
         if name not in by_name:
-            raise ValueError(f"relief.vehicles: no vehicle {name}; it has {', '.join(by_name)}")
+            listed = f"{', '.join(by_name)}{did_you_mean(name, by_name)}"
+            raise ValueError(f"relief.vehicles: no vehicle {name}; it has {listed}")
     first = by_name[relief.vehicles[0]]
     for name in relief.vehicles[1:]:
         for key in ("kind", "airspeed_m_s", "turn_radius_m"):  # their planners use these values

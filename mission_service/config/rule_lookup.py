@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 from pydantic import BaseModel
 
-from mission_service.errors import MissionServiceError, PlannerError, in_words
+from mission_service.errors import MissionServiceError, PlannerError, did_you_mean, in_words
 
 GROUP = "mission_service.planners"
 OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
@@ -85,7 +85,8 @@ def way_named(rule: str) -> Way:
     if own is not None:
         return own
     if not found:
-        raise ValueError(f"no such rule; available are {', '.join(rules())}")
+        meant = did_you_mean(rule, rules())
+        raise ValueError(f"no such rule; available are {', '.join(rules())}{meant}")
     if len(found) > 1:
         where = ", ".join(each.value for each in found)
         raise ValueError(f"{len(found)} packages have a rule of that name: {where}")

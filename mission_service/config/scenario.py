@@ -48,8 +48,8 @@ from mission_service.config.sections import (
 from mission_service.config.service_section import ServiceSection
 from mission_service.config.surveillance_section import SurveillanceSection
 from mission_service.config.wind_section import TerrainWindSection, WindGridsSection
-from mission_service.errors import OptionError, ScenarioError
-from mission_service.value_errors import got, missing_key, remedy, schema_at
+from mission_service.errors import OptionError, ScenarioError, did_you_mean
+from mission_service.value_errors import got, keys_at, missing_key, remedy, schema_at
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION_S = 3.2e8  # ten years
@@ -113,7 +113,10 @@ class Scenario(Section):
         if self.wind_grids is not None and self.terrain_wind is not None:
             raise ValueError("give either wind_grids or terrain_wind, not both")
         if self.only is not None and self.only not in names:
-            raise ValueError(f"only: no vehicle {self.only}; the scenario has {', '.join(names)}")
+            meant = did_you_mean(self.only, names)
+            raise ValueError(
+                f"only: no vehicle {self.only}; the scenario has {', '.join(names)}{meant}"
+            )
         _refuse_shared_ports(self.vehicles)
         if self.fire.initial_cells is not None and not self.ignition:
             raise ValueError("fire.initial_cells needs an ignition, from which the fire grows")
@@ -235,8 +238,11 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        shipped = ", ".join(sorted(entry.stem for entry in SHIPPED.glob("*.toml")))
-        raise ScenarioError(f"{path}: no such file (shipped scenarios: {shipped})") from None
+        shipped = sorted(entry.stem for entry in SHIPPED.glob("*.toml"))
+        meant = did_you_mean(name, shipped)
+        raise ScenarioError(
+            f"{path}: no such file (shipped scenarios: {', '.join(shipped)}){meant}"
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read: {error}") from None
     except tomllib.TOMLDecodeError as error:
@@ -409,7 +415,8 @@ def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -
     """
     names = [section.name for section in scenario.vehicles]
     if vehicle is not None and vehicle not in names:
-        raise ScenarioError(f"--vehicle {vehicle}: {scenario.name} has {', '.join(names)}")
+        listed = f"{', '.join(names)}{did_you_mean(vehicle, names)}"
+        raise ScenarioError(f"--vehicle {vehicle}: {scenario.name} has {listed}")
     if peer_messaging and not scenario.way.messages_peers:
         able = " or ".join(f'"{rule}"' for rule, way in own_ways().items() if way.messages_peers)
         raise ScenarioError(
@@ -434,16 +441,19 @@ def flying(scenario: Scenario) -> Scenario:
 
 
 def _in_words(error: ValidationError, kind: type[BaseModel]) -> str:
-    first = error.errors()[0]
+    errors = error.errors()  # a misspelt key before the missing key that it stands for
+    first = min(errors, key=lambda each: each["type"] != "extra_forbidden")
     key = ".".join(str(part) for part in first["loc"]) or "scenario"
     value = first.get("input")
     # The value of a key with one of these names, even if misspelt, may be a secret.
     secret = re.search("key|sign|password|token", key)
     shown = "" if secret or isinstance(value, BaseModel) else got(value)
-    others = len(error.errors()) - 1
+    others = len(errors) - 1
     more = f"; and {others} more" if others else ""
     if first["type"] == "extra_forbidden":
-        return f"{key}: unknown key{shown}{more}"
+        *table, name = first["loc"]
+        meant = did_you_mean(str(name), keys_at(kind.model_json_schema(), table))
+        return f"{key}: unknown key{shown}{meant}{more}"
     if first["type"] in OWN_ERRORS:
         return f"{key}: {first['msg'].removeprefix('Value error, ')}{shown}{more}"
     if first["type"] == "timezone_aware":

@@ -11,7 +11,7 @@ import msgspec
 import shapely
 
 from mission_service import events
-from mission_service.errors import RequestError
+from mission_service.errors import RequestError, did_you_mean
 from mission_service.events import SERVICE, AnyOperatorEvent
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.guidance.registry import WAYS, way_of
@@ -126,13 +126,17 @@ def _check_names(request: Request, scope: RequestScope) -> None:
     stations, items, vehicles = scope.stations, scope.items, scope.vehicles
     if stations and request.station not in stations and request.station.split(":")[0] != ELSEWHERE:
         names = ", ".join(sorted(stations))
-        raise RequestError(f"unknown station {_cut(request.station)}; the scenario has {names}")
+        meant = did_you_mean(request.station, stations)
+        raise RequestError(
+            f"unknown station {_cut(request.station)}; the scenario has {names}{meant}"
+        )
     item, vehicle = getattr(request, "item", ""), getattr(request, "vehicle", "")
     if item and items is not None and item not in items:
         listed = "; ".join(items) or "the list is empty"
         raise RequestError(f"no item {_cut(item)} on the GO/NO-GO checklist: {listed}")
     if vehicle and vehicles is not None and vehicle not in vehicles:
-        raise RequestError(f"no vehicle {_cut(vehicle)}; the run has {', '.join(vehicles)}")
+        listed = f"{', '.join(vehicles)}{did_you_mean(vehicle, vehicles)}"
+        raise RequestError(f"no vehicle {_cut(vehicle)}; the run has {listed}")
 
 
 def _kind(do: Any, accepted: Collection[str]) -> type[Request]:
@@ -146,7 +150,9 @@ def _kind(do: Any, accepted: Collection[str]) -> type[Request]:
         reason = "not in a burn" if REQUESTS[do] in OF_VEHICLES else "only in a burn"
         raise RequestError(f"{do}: {reason}")
     name = _cut(do) if isinstance(do, str) else "without a name"
-    raise RequestError(f"unknown request {name}: do is one of {', '.join((STATUS, *accepted))}")
+    meant = did_you_mean(do, accepted) if isinstance(do, str) else ""
+    listed = f"{', '.join((STATUS, *accepted))}{meant}"
+    raise RequestError(f"unknown request {name}: do is one of {listed}")
 
 
 def _places(request: Request) -> tuple[tuple[float, float], ...]:

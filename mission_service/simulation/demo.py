@@ -14,7 +14,7 @@ from autopilot_bridge.missions.plan_file import write_any
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.config.scenario import Scenario, flying, load_scenario, scenario_path
 from mission_service.config.sections import VehicleSection
-from mission_service.errors import MissionServiceError, ScenarioError
+from mission_service.errors import MissionServiceError, ScenarioError, did_you_mean
 from mission_service.fire.scenario_fire import home_of, landscape_of
 from mission_service.guidance.registry import way_of
 from mission_service.live.daemon import Run, serve
@@ -86,8 +86,9 @@ def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
     for section in scenario.vehicles:
         if section.name == name:
             return section
-    names = ", ".join(section.name for section in scenario.vehicles)
-    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {names})")
+    names = [section.name for section in scenario.vehicles]
+    meant = did_you_mean(name, names)
+    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {', '.join(names)}){meant}")
 
 
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:

@@ -9,7 +9,7 @@ from urllib.parse import parse_qsl
 from fastapi import Request, Response
 
 from mission_service.core.request_events import ABORT, event_of
-from mission_service.errors import MissionServiceError
+from mission_service.errors import MissionServiceError, did_you_mean
 from mission_service.events import AnyOperatorEvent
 from mission_service.interfaces.api.access.auth import Tokens, User
 from mission_service.interfaces.api.frames import Frames
@@ -61,8 +61,9 @@ class ApiContext:
         """Return the state of a vehicle. Raises ApiError 404 for an unknown name."""
         vehicle = self.context.state_view.vehicles.get(name)
         if vehicle is None:
-            names = ", ".join(self.context.state_view.vehicles)
-            raise ApiError(404, f"no vehicle {name[:40]!r}; the vehicles are {names}")
+            known = self.context.state_view.vehicles
+            listed = f"{', '.join(known)}{did_you_mean(name, known)}"
+            raise ApiError(404, f"no vehicle {name[:40]!r}; the vehicles are {listed}")
         return vehicle
 
     async def ask(self, request: Request, do: str, **named: Any) -> Response:

@@ -16,6 +16,7 @@ import msgspec
 from mission_service.core.request_events import ABORT, ALL_REQUESTS
 from mission_service.interfaces.limits import RateLimiter
 from mission_service.interfaces.mqtt.payloads import Command, CommandId, Reply
+from mission_service.errors import did_you_mean
 from mission_service.value_errors import UNKNOWN, in_words
 
 MQTT = "mqtt"  # prefix of the names of operators and stations
@@ -149,7 +150,8 @@ def _refuse_names(name: str) -> None:
             "never accepted over MQTT, which identifies no user; use the map or the control socket"
         )
     if name not in TAKEN:
-        raise _RefusedError(f"unknown command; the commands are {', '.join(TAKEN)}")
+        listed = f"{', '.join(TAKEN)}{did_you_mean(name, TAKEN)}"
+        raise _RefusedError(f"unknown command; the commands are {listed}")
 
 
 def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
