@@ -11,21 +11,27 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo docs test long lint kernels format clean mosquitto chromium web
 
-.venv/ready: pyproject.toml
+# What the service needs at run time; prints what it installs, and how far each download is.
+.venv/product: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "error: $(PYTHON) is older than 3.11; run make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --disable-pip-version-check --editable .
+	@touch $@
+
+# Also what tests and developers need.
+.venv/ready: .venv/product
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@
 
 # Builds the map; Node.js comes from PyPI if the machine has none.
 web: $(MAP)
 
-$(MAP): $(MAP_SOURCES) | .venv/ready
+$(MAP): $(MAP_SOURCES) | .venv/product
 	$(BIN)/python -m mission_service.interfaces.web.build
 	@touch $@
 
-demo: .venv/ready $(MAP)
+demo: .venv/product $(MAP)
 	$(BIN)/mission-service demo --out out
 
 # Builds the documentation, which "mission-service docs" serves and later wheels contain.

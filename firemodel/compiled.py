@@ -17,6 +17,7 @@ from numba import njit
 from numba.core import config
 
 NUMBA: Any = config
+_FUNCTIONS: list[Any] = []  # all functions of imported modules that Numba compiles
 PACKAGE = Path(__file__).parent
 
 
@@ -62,9 +63,20 @@ def _cached(function: Callable[..., Any], **options: Any) -> Any:
     try:
         # The GIL is released, so that forecasts run in parallel threads. A forecast does not write
         # to arrays that other threads use.
-        return njit(cache=True, error_model="numpy", nogil=True, **options)(function)
+        made = njit(cache=True, error_model="numpy", nogil=True, **options)(function)
     finally:
         NUMBA.CACHE_DIR = given
+    _FUNCTIONS.append(made)
+    return made
+
+
+def compiled_counts() -> tuple[int, int]:
+    """Return the number of functions that are compiled or loaded, and of all imported functions.
+
+    The first number may stay below the second, because a run does not call all functions.
+    """
+    functions = tuple(_FUNCTIONS)
+    return sum(bool(each.overloads) for each in functions), len(functions)
 
 
 def compiled(function: Callable[..., Any]) -> Any:

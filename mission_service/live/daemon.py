@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import signal
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -32,6 +31,7 @@ from mission_service.journal.private_files import refuse_links, writable_by_othe
 from mission_service.journal.recovery import InterruptedRun, rename_old, resumed, unfinished
 from mission_service.journal.snapshot import Frozen, Known, restore
 from mission_service.live.aircraft_sources import receive_aircraft
+from mission_service.live.compile_progress import compile_progress
 from mission_service.live.estimate_worker import EstimateWorker
 from mission_service.live.interface_setup import (
     RunInterface,
@@ -60,11 +60,6 @@ from mission_service.runtime.vehicle_links import (
 )
 
 STATUS_EVERY_S = 0.2
-NOTICE_AFTER_S = 2.0
-LOADS = (
-    "loading planners and fire model (they are compiled once after an installation or an update); "
-    "the links open afterwards"
-)
 
 
 @dataclass(frozen=True)
@@ -99,8 +94,8 @@ async def serve(
     Vehicles keep the mission on board, which ends in a loiter, unless the setting ``on_shutdown``
     is an order. ``progress`` and ``watch`` are called five times a second; ``watch`` may raise an
     exception to end the run, for example after the exit of a child process. ``address`` receives
-    the address of the map, which may contain a token and must not be logged. ``notice`` receives a
-    line if kernels must be compiled before the links open.
+    the address of the map, which may contain a token and must not be logged. ``notice`` receives
+    lines while kernels are compiled before the links open.
 
     Raises ScenarioError for vehicles that cannot share their link.
     """
@@ -182,14 +177,10 @@ def _arrival_watch(run: Run, landscape: Landscape) -> RunInterface | None:
 
 def _warm_up(scenario: Scenario, landscape: Landscape, notice: Callable[[str], None]) -> None:
     """Compile all kernels of planners and fire, or load them from the disk cache."""
-    timer = threading.Timer(NOTICE_AFTER_S, notice, (LOADS,))
-    timer.start()
-    try:
+    with compile_progress(notice):
         with faults_of(scenario.planner.rule):
             way_of(scenario).warm_up(scenario, landscape)
         warm_up_fire(scenario)
-    finally:
-        timer.cancel()
 
 
 async def _run_tasks(

@@ -1,5 +1,6 @@
 """The warm-ups compile all kernels that an agent or the estimate uses in flight."""
 
+import re
 import subprocess
 import sys
 import threading
@@ -9,7 +10,7 @@ import pytest
 
 from mission_service.config.scenario import load_scenario
 from mission_service.fire import warm_up as fire_warm_up
-from mission_service.live import daemon
+from mission_service.live import compile_progress, daemon
 from tests.patience import PATIENCE_S
 
 COMPILED = """
@@ -151,18 +152,24 @@ def test_a_start_that_takes_long_is_announced(monkeypatch: pytest.MonkeyPatch) -
 
     def notice(line: str) -> None:
         lines.append(line)
-        shown.set()
+        if len(lines) == 2:
+            shown.set()
 
     scenario = load_scenario("default")
-    monkeypatch.setattr(daemon, "NOTICE_AFTER_S", 0.0)
+    monkeypatch.setattr(compile_progress, "NOTICE_AFTER_S", 0.0)
+    monkeypatch.setattr(compile_progress, "PROGRESS_EVERY_S", 0.001)
     monkeypatch.setattr(daemon, "way_of", lambda scenario: SimpleNamespace(warm_up=print))
     monkeypatch.setattr(daemon, "warm_up_fire", lambda scenario: shown.wait(PATIENCE_S))
     daemon._warm_up(scenario, None, notice)  # type: ignore[arg-type]
-    assert lines == [daemon.LOADS]
-    monkeypatch.setattr(daemon, "NOTICE_AFTER_S", PATIENCE_S)
+    assert lines[0] == compile_progress.LOADS
+    found = re.fullmatch(r"compiled (\d+) of about (\d+) functions", lines[1])
+    assert found is not None
+    assert 0 <= int(found[1]) <= int(found[2]) > 50
+    lines.clear()
+    monkeypatch.setattr(compile_progress, "NOTICE_AFTER_S", PATIENCE_S)
     monkeypatch.setattr(daemon, "warm_up_fire", lambda scenario: None)
     daemon._warm_up(scenario, None, notice)  # type: ignore[arg-type]
-    assert lines == [daemon.LOADS]
+    assert lines == []
 
 
 def test_the_small_fire_has_a_control_line_of_its_own() -> None:

