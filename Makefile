@@ -12,12 +12,14 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: demo docs test long lint kernels format clean mosquitto chromium web
 
 # What the service needs at run time; prints what it installs, and how far each download is.
-.venv/product: pyproject.toml
+.venv/product: pyproject.toml | $(MAP)
+	$(BIN)/python -m pip install --disable-pip-version-check --editable .
+	@touch $@
+
+$(BIN)/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "error: $(PYTHON) is older than 3.11; run make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --disable-pip-version-check --editable .
-	@touch $@
 
 # Also what tests and developers need.
 .venv/ready: .venv/product
@@ -27,11 +29,11 @@ unexport PYTHONDONTWRITEBYTECODE
 # Builds the map; Node.js comes from PyPI if the machine has none.
 web: $(MAP)
 
-$(MAP): $(MAP_SOURCES) | .venv/product
+$(MAP): $(MAP_SOURCES) | $(BIN)/pip
 	$(BIN)/python -m mission_service.interfaces.web.build
 	@touch $@
 
-demo: .venv/product $(MAP)
+demo: $(MAP) .venv/product
 	$(BIN)/mission-service demo --out out
 
 # Builds the documentation, which "mission-service docs" serves and later wheels contain.

@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-
 MAX_COMPARED = 80  # characters of an unknown name that are compared with known names
 
 

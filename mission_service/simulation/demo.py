@@ -87,8 +87,8 @@ def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
         if section.name == name:
             return section
     names = [section.name for section in scenario.vehicles]
-    meant = did_you_mean(name, names)
-    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {', '.join(names)}){meant}")
+    listed = f"(it has: {', '.join(names)}){did_you_mean(name, names)}"
+    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} {listed}")
 
 
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:

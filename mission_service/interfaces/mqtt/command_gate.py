@@ -14,9 +14,9 @@ from typing import Any
 import msgspec
 
 from mission_service.core.request_events import ABORT, ALL_REQUESTS
+from mission_service.errors import did_you_mean
 from mission_service.interfaces.limits import RateLimiter
 from mission_service.interfaces.mqtt.payloads import Command, CommandId, Reply
-from mission_service.errors import did_you_mean
 from mission_service.value_errors import UNKNOWN, in_words
 
 MQTT = "mqtt"  # prefix of the names of operators and stations
