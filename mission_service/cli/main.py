@@ -13,6 +13,7 @@ from mission_service import __version__
 from mission_service.cli.burn_commands import burn
 from mission_service.cli.experiment_commands import experiment
 from mission_service.cli.fire_commands import bench, fire
+from mission_service.cli.help_commands import completion, config_schema, man
 from mission_service.cli.incident.incident_commands import incident
 from mission_service.cli.incident.map_commands import map_group
 from mission_service.cli.log_commands import log
@@ -22,8 +23,9 @@ from mission_service.cli.observe_command import observe
 from mission_service.cli.options import (
     JSON,
     OUT,
-    OUT_REQUIRED,
+    OUT_NEW,
     OVERRIDE,
+    SETTINGS,
     SIGNING_KEY,
     TLOG,
     ReportOptions,
@@ -32,7 +34,7 @@ from mission_service.cli.options import (
     report_address,
     report_options,
 )
-from mission_service.cli.output_folder import Interrupted, output_folder
+from mission_service.cli.output_folder import Interrupted, new_folder, output_folder
 from mission_service.cli.plan_command import plan
 from mission_service.cli.replay_commands import replay
 from mission_service.cli.report_commands import docs, products, report
@@ -91,11 +93,12 @@ GROUPS = (
     *(fire, bench, mission, signing, lost_link, experiment, tune, burn, request, log),
     *(map_group, incident),
 )
-for command in (*GROUPS, mock, token, replay, report, products, docs, observe, plan, sortie):
+HELP = (completion, docs, man)
+for command in (*GROUPS, mock, token, replay, report, products, observe, plan, sortie, *HELP):
     main.add_command(command)
 
 
-@main.command()
+@main.command(context_settings=SETTINGS)
 @click.argument("scenario", default="demo")
 @OUT
 @click.option("--speedup", type=click.FloatRange(1, 100), default=10.0, show_default=True)
@@ -129,20 +132,23 @@ def demo(
 
 @main.command()
 @click.argument("scenario")
-@OUT_REQUIRED
+@OUT_NEW
 @OVERRIDE
 @JSON
-def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
+def sim(scenario: str, out: Path | None, overrides: tuple[str, ...], as_json: bool) -> None:
     """Fly SCENARIO (a file, or the name of a shipped scenario) in virtual time."""
     from mission_service.config.scenario import flying, load_scenario
     from mission_service.runtime.progress import SimProgress
     from mission_service.runtime.run_outputs import write_outputs
     from mission_service.simulation.sim import simulate
 
-    loaded = flying(load_scenario(scenario, overrides))
+    loaded, created = flying(load_scenario(scenario, overrides)), now_text()
+    if out is None:
+        out = new_folder(loaded.name, created)
+        click.echo(f"results: {out}", err=True)
     made = output_folder(out)
     with SimProgress(loaded.name, loaded.duration_s, as_json) as progress:
-        record, fire = simulate(loaded, made / "journal.jsonl", now_text(), progress)
+        record, fire = simulate(loaded, made / "journal.jsonl", created, progress)
     _finish(write_outputs(made, loaded, record, fire), out, as_json)
 
 
@@ -161,7 +167,7 @@ class RunOptions(ReportOptions):
     signing_key: str | None
 
 
-@main.command()
+@main.command(context_settings=SETTINGS)
 @click.argument("config")
 @OUT
 @click.option(
@@ -177,11 +183,15 @@ class RunOptions(ReportOptions):
     "--prefix", default="mission-service", show_default=True, help="Prefix of MQTT topics."
 )
 @click.option(
-    "--fresh", is_flag=True, help="Start a new run instead of resuming the interrupted run in OUT."
+    "--fresh",
+    is_flag=True,
+    allow_from_autoenv=False,  # each restart would begin a new run
+    help="Start a new run instead of resuming the interrupted run in OUT.",
 )
 @click.option(
     "--skip-unreadable",
     is_flag=True,
+    allow_from_autoenv=False,
     help="On a restart, skip and announce journal lines that cannot be read or applied.",
 )
 @OVERRIDE
@@ -258,6 +268,9 @@ def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
 @main.group()
 def config() -> None:
     """Check scenario files."""
+
+
+config.add_command(config_schema)
 
 
 @config.command("check")

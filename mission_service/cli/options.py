@@ -55,11 +55,18 @@ OVERRIDE = click.option(
     "overrides",
     multiple=True,
     metavar="KEY=VALUE",
+    envvar="MISSION_SERVICE_SET",
+    show_envvar=True,
     help="Change one key of the scenario, e.g. planner.alpha=1.5 (repeatable).",
 )
+# Settings of ``demo`` and ``run`` by environment variables: MISSION_SERVICE_OUT is --out.
+SETTINGS = {"auto_envvar_prefix": "MISSION_SERVICE"}
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 OUT = click.option("--out", type=Folder(), default=Path("out"))
 OUT_REQUIRED = click.option("--out", type=Folder(), required=True)
+OUT_NEW = click.option(
+    "--out", type=Folder(), help="Default: a new folder with name and time, out/SCENARIO-TIME."
+)
 OUT_FOLDER = click.option("-o", "--out", type=Folder(), required=True, metavar="DIR")
 SIGNING_KEY = click.option(
     "--signing-key",

@@ -1,7 +1,10 @@
 """Creates the folder of a command's results, and checks that the folder is writable."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import datetime
+from itertools import chain, count
 from pathlib import Path
 
 import click
@@ -33,6 +36,25 @@ def output_folder(out: Path) -> Path:
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
     return out
+
+
+def new_folder(name: str, created: str, parent: Path = Path("out")) -> Path:
+    """Return a missing folder for the results of a scenario, as out/default-20261128T224000Z.
+
+    Args:
+        name: The name of the scenario.
+        created: The date and time in the format of a journal's header, in UTC.
+        parent: The folder of all results.
+
+    Returns:
+        The path; a number is added if the folder exists.
+    """
+    words = re.sub(r"[^\w.-]+", "-", name).strip(".-") or "scenario"
+    time = datetime.fromisoformat(created).strftime("%Y%m%dT%H%M%SZ")
+    numbers = chain([""], (f"-{number}" for number in count(2)))
+    return next(
+        path for number in numbers if not (path := parent / f"{words}-{time}{number}").exists()
+    )
 
 
 @contextmanager

@@ -1,0 +1,37 @@
+"""Makes the JSON Schema of scenario files, with which editors complete and check their keys."""
+
+from typing import Any
+
+from pydantic import BaseModel, Field, create_model
+
+from mission_service.config.rule_lookup import rules, way_named
+from mission_service.config.scenario import Scenario
+from mission_service.config.service_section import ServiceSection
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def scenario_schema() -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of scenario files.
+
+    It contains the tables ``[service]`` and those of all installed rules; it permits each of these
+    tables beside each rule, and does not state the conditions between keys that ``config check``
+    checks.
+
+    Raises:
+        ValueError: If the package of a rule cannot be loaded.
+    """
+    tables: dict[str, type[BaseModel]] = {"service": ServiceSection}
+    for rule in rules():
+        section = way_named(rule).section
+        if section is not None:
+            tables[rule] = section
+    added: dict[str, Any] = {
+        name: (section | None, Field(default=None)) for name, section in tables.items()
+    }
+    whole = create_model("ScenarioFile", __base__=Scenario, **added)
+    schema = whole.model_json_schema()
+    del schema["properties"]["only"]  # set by --vehicle
+    rule_key = schema["$defs"]["PlannerSection"]["properties"]["rule"]
+    rule_key.update(enum=rules())
+    return {"$schema": DIALECT, **schema, "title": "Scenario of mission-service"}
