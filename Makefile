@@ -1,6 +1,7 @@
 # All targets work in a fresh clone and need only Python 3.11+ and make.
 PYTHON ?= python3
 BIN := .venv/bin
+TOOLS := .venv/tools/bin
 
 WEB := mission_service/interfaces/web
 MAP := $(WEB)/dist/index.html
@@ -9,7 +10,7 @@ MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/pan
 # The processes of tests share compiled modules, also where the environment turns this off.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo docs test long lint kernels format clean mosquitto chromium web
+.PHONY: demo docs test long lint kernels format clean mosquitto chromium web lock sbom audit
 
 # What the service needs at run time; prints what it installs, and how far each download is.
 .venv/product: pyproject.toml | $(MAP)
@@ -81,6 +82,29 @@ lint: .venv/ready
 # Compiles the kernels once, so that the processes of tests load them from the disk cache.
 kernels: .venv/ready
 	$(BIN)/python -m mission_service.live.compile_kernels
+
+# The versions and hashes of all packages in the container, for each platform.
+LOCK := $(TOOLS)/uv pip compile --quiet --no-config --universal --python-version 3.11 --generate-hashes \
+  --custom-compile-command "make lock" --default-index https://pypi.org/simple
+
+lock: .venv/tools/ready
+	$(LOCK) --extra serial pyproject.toml --output-file docker/requirements.txt
+	$(LOCK) docker/build-requirements.in --output-file docker/build-requirements.txt
+
+# The software bill of materials of the container (CycloneDX), for a security review.
+sbom: .venv/tools/ready
+	@mkdir -p out
+	$(TOOLS)/cyclonedx-py requirements docker/requirements.txt --pyproject pyproject.toml \
+	  --output-reproducible --output-file out/sbom.json
+
+# Known vulnerabilities of the packages in the container; needs the advisories of pypi.org.
+audit: .venv/tools/ready
+	$(TOOLS)/pip-audit --requirement docker/requirements.txt --disable-pip --no-deps
+
+.venv/tools/ready: | $(BIN)/pip
+	$(BIN)/python -m venv .venv/tools
+	$(TOOLS)/python -m pip install --quiet --disable-pip-version-check uv cyclonedx-bom pip-audit
+	@touch $@
 
 format: .venv/ready
 	$(BIN)/ruff check --fix .
