@@ -13,7 +13,7 @@ from mission_service import __version__
 from mission_service.cli.burn_commands import burn
 from mission_service.cli.experiment_commands import experiment
 from mission_service.cli.fire_commands import bench, fire
-from mission_service.cli.help_commands import completion, config_schema, man
+from mission_service.cli.help.help_commands import completion, config_schema, man
 from mission_service.cli.incident.incident_commands import incident
 from mission_service.cli.incident.map_commands import map_group
 from mission_service.cli.log_commands import log

@@ -14,7 +14,7 @@ import jsonschema
 import pytest
 from click.testing import CliRunner
 
-from mission_service.cli.help_commands import PROGRAM, VARIABLE
+from mission_service.cli.help.help_commands import PROGRAM, VARIABLE
 from mission_service.cli.main import main
 from mission_service.cli.output_folder import new_folder
 from mission_service.config.rule_lookup import rules

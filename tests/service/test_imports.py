@@ -47,6 +47,7 @@ SHELL = {
     "mission_service/interfaces/control/control_server.py",
     "mission_service/interfaces/control/control_client.py",
     "mission_service/live/daemon.py",
+    "mission_service/live/compile_progress.py",
     "mission_service/live/aircraft_sources.py",
     "mission_service/live/estimate_worker.py",
     "mission_service/live/fire_arrival_watch.py",

@@ -1,0 +1,1 @@
+"""Help in shells and editors: completion, manual pages, the schema of scenarios."""
