@@ -4,7 +4,6 @@ import inspect
 import json
 import re
 import tempfile
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from pkgutil import resolve_name
@@ -19,17 +18,13 @@ from benchmarks.mqtt_schemas import documents
 from docs.site.field_comments import comments_of
 from docs.site.schema_tables import cell, key_table, type_of
 from mission_service.cli.main import main
-from mission_service.config import section_base
 from mission_service.config.rule_lookup import own_ways
 from mission_service.config.scenario import Scenario
+from mission_service.config.scenario_schema import MEANINGS
 from mission_service.config.section_base import Section
 from mission_service.config.service_section import ServiceSection
 from mission_service.interfaces.metrics import FIGURES, PREFIX
 
-# Texts for keys that neither a comment at the field nor the docstring of the model describes.
-MEANINGS: dict[str, dict[str, str]] = tomllib.loads(
-    (Path(section_base.__file__).parent / "key_meanings.toml").read_text(encoding="utf-8")
-)
 NOTE = "*This page is generated from {source} each time the site is built.*\n"
 
 # The objects of each package that other programs use. The faces of two packages list their own.

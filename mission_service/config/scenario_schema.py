@@ -1,5 +1,7 @@
 """Makes the JSON Schema of scenario files, with which editors complete and check their keys."""
 
+import tomllib
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, Field, create_model
@@ -9,6 +11,11 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.service_section import ServiceSection
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+# Texts for keys that neither a comment at the field nor the docstring of the model describes, by
+# model and key.
+MEANINGS: dict[str, dict[str, str]] = tomllib.loads(
+    Path(__file__).with_name("key_meanings.toml").read_text(encoding="utf-8")
+)
 
 
 def scenario_schema() -> dict[str, Any]:
@@ -34,4 +41,8 @@ def scenario_schema() -> dict[str, Any]:
     del schema["properties"]["only"]  # set by --vehicle
     rule_key = schema["$defs"]["PlannerSection"]["properties"]["rule"]
     rule_key.update(enum=rules())
+    for model, part in {**schema["$defs"], "Scenario": schema}.items():
+        for key, meaning in MEANINGS.get(model, {}).items():
+            if key in part["properties"]:
+                part["properties"][key].setdefault("description", meaning)
     return {"$schema": DIALECT, **schema, "title": "Scenario of mission-service"}

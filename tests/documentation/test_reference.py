@@ -12,10 +12,11 @@ from pydantic import BaseModel
 import autopilot_bridge
 import firemodel
 from docs.site.field_comments import comments_of
-from docs.site.reference_pages import MEANINGS, models_of, pages
+from docs.site.reference_pages import models_of, pages
 from docs.site.schema_tables import default_of, key_table, type_of, unit_of
 from mission_service.cli.main import main
 from mission_service.config.scenario import Scenario
+from mission_service.config.scenario_schema import MEANINGS
 from mission_service.config.section_base import Section
 from mission_service.config.service_section import ServiceSection
 from mission_service.interfaces.metrics import FIGURES, PREFIX

@@ -123,6 +123,18 @@ def test_the_schema_lists_all_rules() -> None:
     assert scenario_schema()["$defs"]["PlannerSection"]["properties"]["rule"]["enum"] == rules()
 
 
+def test_the_schema_states_the_meaning_of_keys() -> None:
+    schema = scenario_schema()
+    assert schema["properties"]["seed"]["description"].startswith("Seed of all random numbers")
+    described = [
+        key
+        for part in schema["$defs"].values()
+        for key, value in part.get("properties", {}).items()
+        if "description" in value
+    ]
+    assert len(described) > 100
+
+
 def test_variables_of_the_environment_are_settings(tmp_path: Path) -> None:
     seed = "seed=7 duration_s=3700"
     journal = tmp_path / "journal.jsonl"
