@@ -99,7 +99,7 @@ sbom: .venv/tools/ready
 
 # Known vulnerabilities of the packages in the container; needs the advisories of pypi.org.
 audit: .venv/tools/ready
-	$(TOOLS)/pip-audit --requirement docker/requirements.txt --disable-pip --no-deps
+	$(TOOLS)/pip-audit --strict --requirement docker/requirements.txt --disable-pip --no-deps
 
 .venv/tools/ready: | $(BIN)/pip
 	$(BIN)/python -m venv .venv/tools
