@@ -126,6 +126,8 @@ def test_a_track_is_the_flown_one(flying: World) -> None:
         assert "the vehicles are hawk, kite" in await refused(
             http, 404, "GET", "/vehicles/crow/track"
         )
+        answer = await refused(http, 404, "GET", "/vehicles/hakw/track")
+        assert "; did you mean hawk?" in answer
 
     asked(flying, ask)
 

@@ -131,6 +131,7 @@ def test_an_id_is_answered_where_the_rest_cannot_be_read() -> None:
 
 def test_the_error_for_unknown_commands_lists_the_commands() -> None:
     RunInterface().refuses("fly", "the commands are abort, correct")
+    RunInterface().refuses("hlod", "did you mean hold?")
     assert len(RunInterface().refuses("f" * 60_000, "unknown command").error) < 400
 
 

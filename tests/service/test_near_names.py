@@ -53,6 +53,12 @@ def test_a_vehicle_and_a_shipped_scenario() -> None:
         load_scenario("defualt")
 
 
+def test_a_vehicle_of_a_plan(tmp_path: Path) -> None:
+    plan = ["plan", "demo", "--vehicle", "hakw", "-o", str(tmp_path / "x.plan")]
+    result = CliRunner().invoke(main, plan)
+    assert "no vehicle 'hakw' (it has: hawk, kite); did you mean hawk?" in result.stderr
+
+
 @pytest.mark.parametrize(
     ("request_", "words"),
     [
@@ -79,7 +85,7 @@ def test_a_request(request_: dict[str, Any], words: str) -> None:
         (("sim", "default", "--outt", "x"), "'--out'"),
     ],
 )
-def test_a_command_or_an_option(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
+def test_a_command_or_an_option(arguments: tuple[str, ...], words: str) -> None:
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 2
     assert words in result.stderr
