@@ -115,7 +115,7 @@ def test_the_schema_refuses_what_the_service_refuses(
     table: str | None, change: dict[str, Any], place: str
 ) -> None:
     scenario = tomllib.loads((SHIPPED / "demo.toml").read_text(encoding="utf-8"))
-    (scenario if table is None else scenario[table]).update(change)
+    (scenario if table is None else scenario.setdefault(table, {})).update(change)
     assert [fault for fault in faults(scenario) if fault.startswith(place)] != []
 
 
