@@ -88,7 +88,7 @@ LOCK := $(TOOLS)/uv pip compile --quiet --no-config --universal --python-version
   --custom-compile-command "make lock" --default-index https://pypi.org/simple
 
 lock: .venv/tools/ready
-	$(LOCK) --extra serial pyproject.toml --output-file docker/requirements.txt
+	$(LOCK) --extra serial --extra notify pyproject.toml --output-file docker/requirements.txt
 	$(LOCK) docker/build-requirements.in --output-file docker/build-requirements.txt
 
 # The software bill of materials of the container (CycloneDX), for a security review.

@@ -29,8 +29,9 @@ def pinned(name: str) -> dict[str, set[str]]:
 
 
 def test_the_container_has_versions_that_the_package_permits() -> None:
-    extra = PROJECT["project"]["optional-dependencies"]["serial"]
-    wanted = [Requirement(each) for each in (*PROJECT["project"]["dependencies"], *extra)]
+    extras = PROJECT["project"]["optional-dependencies"]
+    needed = (*PROJECT["project"]["dependencies"], *extras["serial"], *extras["notify"])
+    wanted = [Requirement(each) for each in needed]
     found = pinned("requirements.txt")
     for each in wanted:
         versions = found.get(canonicalize_name(each.name), set())
