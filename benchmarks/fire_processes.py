@@ -221,7 +221,7 @@ def draw(path: Path, title: str, land: Landscape, shapes: Mapping[str, BaseGeome
     nothing = np.full(land.shape, np.inf)
     figure, axes = start_map(land, nothing, frame_around(land, nothing, points))
     figure.set_dpi(62)
-    corner = np.array([land.west_m, land.north_m - land.shape[0] * land.cell_size_m])
+    corner = np.array([land.west_m, land.south_m])
     styles = (("black", "-"), ("#1f5fd0", "-"), ("#c4162a", "-"), ("#8a2be2", "--"))
     for (name, area), (colour, style) in zip(shapes.items(), styles, strict=False):
         for number, line in enumerate(shapely.get_exterior_ring(shapely.get_parts(area))):

@@ -272,6 +272,11 @@ class Landscape(NotebookObject):
         return rows, cols
 
     @property
+    def south_m(self) -> float:
+        """The coordinate of the outer southern edge, in metres."""
+        return self.north_m - self.shape[0] * self.cell_size_m
+
+    @property
     def slope_tan(self) -> Floats:
         """The slope (y, x) as rise over run, computed at each access like ``aspect_deg``."""
         north, east = self.gradient

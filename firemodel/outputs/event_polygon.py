@@ -6,7 +6,6 @@ SOURCE = "mission-service"
 STATUS = "Proposed"  # "Approved" requires a person's decision
 MAP_METHOD = "Modeled"
 M2_PER_ACRE = 4046.8564224
-M2_PER_ACRE = 4046.8564224
 
 
 def feature_category(prescribed: bool) -> str:

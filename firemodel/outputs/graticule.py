@@ -17,11 +17,7 @@ POINTS = 40  # number of points on each line; lines are curved in most projectio
 def km_of(land: Landscape, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
     """Convert WGS84 coordinates to km east and north of the landscape's south-west corner."""
     x_m, y_m = land.xy_of_lat_lon(lat_deg, lon_deg)
-    return (x_m - land.west_m) / 1e3, (y_m - _south_m(land)) / 1e3
-
-
-def _south_m(land: Landscape) -> float:
-    return land.north_m - land.shape[0] * land.cell_size_m
+    return (x_m - land.west_m) / 1e3, (y_m - land.south_m) / 1e3
 
 
 def draw_graticule(axes: Any, land: Landscape, frame: Frame) -> None:
@@ -81,7 +77,7 @@ def _edge_places(land: Landscape, frame: Frame) -> tuple[Floats, Floats]:
     along, zero = np.linspace(0.0, 1.0, POINTS), np.zeros(POINTS)
     x = west + (east - west) * np.concatenate([along, along, zero, zero + 1.0])
     y = south + (north - south) * np.concatenate([zero, zero + 1.0, along, along])
-    lat_deg, lon_deg = land.lat_lon_of(land.west_m + x, _south_m(land) + y)
+    lat_deg, lon_deg = land.lat_lon_of(land.west_m + x, land.south_m + y)
     inside = np.isfinite(lat_deg) & np.isfinite(lon_deg)
     return lat_deg[inside], lon_deg[inside]
 

@@ -27,7 +27,7 @@ def fronts(incident: Incident) -> list[Feature]:
     ]
 
 
-def isochrones(incident: Incident) -> list[Feature]:
+def forecast_isochrones(incident: Incident) -> list[Feature]:
     """Return the forecast perimeter (median of the ensemble) at each hour ahead."""
     return [
         _polygon(
@@ -38,7 +38,7 @@ def isochrones(incident: Incident) -> list[Feature]:
     ]  # fmt: skip
 
 
-def uncertainty(incident: Incident) -> list[Feature]:
+def burn_probability(incident: Incident) -> list[Feature]:
     """Return the areas that burn by the end of the forecast with 10, 50 and 90 % probability."""
     if incident.probability is None:
         return []
@@ -96,8 +96,8 @@ def layers_of(incident: Incident) -> dict[str, list[Feature]]:
     found = {
         "perimeter": [perimeter(incident)] if incident.perimeter["coordinates"] else [],
         "fronts": fronts(incident),
-        "forecast_isochrones": isochrones(incident),
-        "burn_probability": uncertainty(incident),
+        "forecast_isochrones": forecast_isochrones(incident),
+        "burn_probability": burn_probability(incident),
         "heat_areas": heat_areas(incident),
         "heat_points": heat_points(incident),
         "drops": drops(incident),

@@ -40,7 +40,7 @@ def _auxiliary_metadata(page: MapPage, land: Landscape) -> str:
     x_m = (east - west) / (box.width * width_in * PNG_DPI)  # the size of a pixel
     y_m = (north - south) / (box.height * height_in * PNG_DPI)
     left_m = land.west_m + west - box.x0 * width_in * PNG_DPI * x_m
-    top_m = _south_m(land) + north + (1.0 - box.y1) * height_in * PNG_DPI * y_m
+    top_m = land.south_m + north + (1.0 - box.y1) * height_in * PNG_DPI * y_m
     root = Element("PAMDataset")
     SubElement(root, "SRS").text = CRS.from_user_input(land.crs).to_wkt("WKT1_GDAL")
     transform = (left_m, x_m, 0.0, top_m, 0.0, -y_m)
@@ -48,10 +48,6 @@ def _auxiliary_metadata(page: MapPage, land: Landscape) -> str:
         repr(round(float(each), 6)) for each in transform
     )
     return tostring(root, encoding="unicode") + "\n"
-
-
-def _south_m(land: Landscape) -> float:
-    return land.north_m - land.shape[0] * land.cell_size_m
 
 
 def write_pdf(path: Path, page: MapPage, land: Landscape, title: str, made: datetime) -> None:
@@ -97,7 +93,7 @@ def _viewport(page: MapPage, land: Landscape) -> Any:
     shares = np.array(CORNERS)
     lat, lon = land.lat_lon_of(
         land.west_m + west + (east - west) * shares[:, 0],
-        _south_m(land) + south + (north - south) * shares[:, 1],
+        land.south_m + south + (north - south) * shares[:, 1],
     )
     crs = CRS.from_user_input(land.crs)
     system = DictionaryObject({

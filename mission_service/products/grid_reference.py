@@ -62,7 +62,7 @@ def draw_utm_grid(axes: Any, land: Landscape, frame: Frame) -> tuple[UtmZone, fl
     """
     west, east, south, north = frame
     to_lon_lat = transformers(land.crs)[0]
-    base = np.array([land.west_m, land.north_m - land.shape[0] * land.cell_size_m])
+    base = np.array([land.west_m, land.south_m])
     corners = base + 1e3 * np.array([(x, y) for x in (west, east) for y in (south, north)])
     lon, lat = to_lon_lat.transform(*corners.T)
     zone = zone_of(float(np.mean(lat)), float(np.mean(lon)))

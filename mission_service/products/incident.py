@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.time_zone import time_zone_of
-from firemodel.outputs.event_polygon import geodesic_acres
+from firemodel.outputs.event_polygon import M2_PER_ACRE, geodesic_acres
 from firemodel.outputs.front_files import area_geometry
 from firemodel.spread.fire_scheme import Fire, StartArea, with_start
 from firemodel.spread.front import front_polygons
@@ -22,7 +22,7 @@ from mission_service.runtime.run_statistics import RunStatistics
 
 HOUR_S = 3600.0
 LEVELS = (0.1, 0.5, 0.9)  # burn probabilities of the outlines
-HA_PER_ACRE = 0.40468564224
+NOTE = "Estimate of mission-service, not approved by a person. Not for navigation."
 
 
 class InterpreterLine(NamedTuple):
@@ -121,6 +121,15 @@ class Incident:
         """Return the area that burns by the end of the forecast with at least this probability."""
         assert self.probability is not None
         return front_polygons(1.0 - self.probability, 1.0 - level, self.landscape)
+
+    def likely_acres(self, level: float) -> float:
+        """Return the geodesic area of ``likely_area`` in acres."""
+        return geodesic_acres(area_geometry(self.likely_area(level), self.landscape))
+
+
+def hectares(acres: float) -> float:
+    """Convert acres to hectares."""
+    return acres * M2_PER_ACRE / 1e4
 
 
 def burned_area(

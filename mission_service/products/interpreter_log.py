@@ -1,6 +1,6 @@
 """Write the interpreter's log: the facts of the infrared images and of their interpretation."""
 
-from mission_service.products.incident import HA_PER_ACRE, HOUR_S, Incident
+from mission_service.products.incident import HOUR_S, Incident, hectares
 
 WIDTH = 26
 
@@ -13,7 +13,7 @@ def log_text(incident: Incident, files: list[str]) -> str:
         ("Interpreted by", "mission-service, automatically; not reviewed by a person"),
         (
             "Interpreted size",
-            f"{incident.acres:,.1f} acres ({_ha(incident.acres):,.1f} ha), geodesic",
+            f"{incident.acres:,.1f} acres ({hectares(incident.acres):,.1f} ha), geodesic",
         ),
         *_growth(incident),
         *_images(incident),
@@ -31,10 +31,6 @@ def log_text(incident: Incident, files: list[str]) -> str:
         f"{incident.when(line.at_s):%Y-%m-%d %H:%M:%S %Z}  {line.text}" for line in incident.log
     ]
     return "\n".join([*lines, *([] if incident.log else ["none"]), ""])
-
-
-def _ha(acres: float) -> float:
-    return acres * HA_PER_ACRE
 
 
 def _growth(incident: Incident) -> list[tuple[str, str]]:
@@ -82,7 +78,7 @@ def _forecast(incident: Incident) -> list[tuple[str, str]]:
     if incident.probability is None:
         return []
     end = incident.in_words(incident.at_s + incident.forecast_s)
-    areas = [incident.likely_area(level).area / 1e4 / HA_PER_ACRE for level in (0.9, 0.5, 0.1)]
+    areas = [incident.likely_acres(level) for level in (0.9, 0.5, 0.1)]
     words = ", ".join(
         f"{level} %: {acres:,.0f} acres" for level, acres in zip((90, 50, 10), areas, strict=True)
     )

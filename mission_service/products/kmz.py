@@ -22,10 +22,9 @@ from firemodel.outputs.fronts_kml import (
 from firemodel.outputs.layer_legends import arrival_layer, class_of
 from mission_service.products.features import Feature
 from mission_service.products.heat import INTENSE
-from mission_service.products.incident import Incident
+from mission_service.products.incident import NOTE, Incident
 from mission_service.products.vector_files import write_zip
 
-NOTE = "Estimate of mission-service, not approved by a person. Not for navigation."
 AHEAD, LIKELY, HOT, DROP = "#6a1b9a", "#0b57a4", "#e00000", "#4a148c"
 CIRCLE, CIRCLE_PIXELS = "circle.png", 32  # white; the styles give the colour
 FOLDERS = {

@@ -15,7 +15,7 @@ from firemodel.landscape.landscape import Landscape, crs_label
 from firemodel.outputs.arrival_map import draw_ground
 from firemodel.outputs.graticule import Frame, draw_graticule, draw_north, km_of
 from mission_service.products.grid_reference import draw_utm_grid, grid_square
-from mission_service.products.incident import HA_PER_ACRE, LEVELS, Incident
+from mission_service.products.incident import LEVELS, NOTE, Incident, hectares
 
 MM = 1.0 / 25.4  # in inches
 MARGIN_IN, TITLE_IN, FOOT_IN, PANEL_IN = 0.35, 0.6, 0.42, 2.5
@@ -32,7 +32,6 @@ MIN_KM = 1.0
 PERIMETER, EARLIER, AHEAD, LIKELY = "#c00000", "#7f1d1d", "#6a1b9a", "#0b57a4"
 HOT, DROP, OUTSIDE = "#e00000", "#111111", "#ececec"
 BAR_IN = 2.2  # maximum length of a scale bar
-NOTE = "Estimate by mission-service, not approved by a person. Not for navigation."
 
 
 class Page(NamedTuple):
@@ -119,8 +118,7 @@ def _points_of(incident: Incident) -> Floats:
 
 def _km(land: Landscape, xy_m: Floats) -> Floats:
     """Convert projected coordinates (n, 2; m) to km from the landscape's south-west corner."""
-    south_m = land.north_m - land.shape[0] * land.cell_size_m
-    found: Floats = (xy_m - [land.west_m, south_m]) / 1e3
+    found: Floats = (xy_m - [land.west_m, land.south_m]) / 1e3
     return found
 
 
@@ -247,7 +245,7 @@ def _write_panel(
     acres = incident.acres
     decimals = int(acres < FEW_ACRES)
     figure.text(left, top, f"{acres:,.{decimals}f} acres", fontsize=17, fontweight="bold", va="top")
-    lines = [f"{acres * HA_PER_ACRE:,.{decimals}f} ha, geodesic (WGS84)", *_facts(incident)]
+    lines = [f"{hectares(acres):,.{decimals}f} ha, geodesic (WGS84)", *_facts(incident)]
     body = figure.text(
         left, top - 0.33 / page.height_in, "\n".join(lines), fontsize=7.5, va="top",
         linespacing=1.35, parse_math=False,
@@ -275,7 +273,7 @@ def _facts(incident: Incident) -> list[str]:
     else:
         lines.append(f"{images.total:,} images until {incident.when(images.last_s):%Y-%m-%d %H:%M}")
     if incident.probability is not None:
-        low, high = (incident.likely_area(level).area / 4046.8564224 for level in (0.9, 0.1))
+        low, high = (incident.likely_acres(level) for level in (0.9, 0.1))
         lines.append(f"By {incident.when(_end_s(incident)):%H:%M}: {low:,.0f} to {high:,.0f} acres")
         lines.append("(90 % and 10 % probability)")
         if _is_cut(incident):

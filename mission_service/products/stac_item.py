@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from mission_service.products.incident import Incident
+from firemodel.landscape.landscape import transformers
+from mission_service.products.incident import NOTE, Incident
 
 VERSION = "1.1.0"
 MEDIA = {
@@ -44,7 +45,7 @@ def stac_item(incident: Incident, files: dict[str, str]) -> dict[str, Any]:
         }
     properties = {
         "title": f"{incident.name}: fire at {at}",
-        "description": "Estimate of mission-service, not approved by a person.",
+        "description": NOTE,
         "datetime": at,
         "created": at,
     }
@@ -75,11 +76,8 @@ def _text(incident: Incident, at_s: float) -> str:
 
 def _bounds(incident: Incident) -> list[float]:
     """Return west, south, east, north (WGS84) of the landscape, which the rasters cover."""
-    from pyproj import Transformer
-
     land = incident.landscape
-    rows, cols = land.shape
-    south_m, east_m = land.north_m - rows * land.cell_size_m, land.west_m + cols * land.cell_size_m
-    to_lon_lat = Transformer.from_crs(land.crs, "EPSG:4326", always_xy=True)
-    found = to_lon_lat.transform_bounds(land.west_m, south_m, east_m, land.north_m)
+    east_m = land.west_m + land.shape[1] * land.cell_size_m
+    to_lon_lat = transformers(land.crs)[0]
+    found = to_lon_lat.transform_bounds(land.west_m, land.south_m, east_m, land.north_m)
     return [round(float(each), 7) for each in found]

@@ -116,9 +116,9 @@ def write_wind(folder: Path, wind: NDArray[np.floating], landscape: Landscape) -
 
 def _ascii_grid(values: NDArray[np.floating], landscape: Landscape, form: str) -> str:
     rows, cols = values.shape
-    south_m = landscape.north_m - rows * landscape.cell_size_m
     head = (
-        f"ncols {cols}\nnrows {rows}\nxllcorner {landscape.west_m!r}\nyllcorner {south_m!r}\n"
+        f"ncols {cols}\nnrows {rows}\n"
+        f"xllcorner {landscape.west_m!r}\nyllcorner {landscape.south_m!r}\n"
         f"cellsize {landscape.cell_size_m!r}\nNODATA_value {NO_VALUE}\n"
     )
     line = " ".join([form] * cols)

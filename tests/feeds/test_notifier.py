@@ -133,7 +133,7 @@ def test_a_silent_server_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as silent:
         url = f"json://127.0.0.1:{silent.getsockname()[1]}?cto=1&rto=1"
         deliver = apprise_delivery(AlarmReceiverSection(name="slow", url=url))
-        message = alarm_dispatch.Message("title", "body", (), ())
+        message = alarm_dispatch.AlarmMessage("title", "body", (), ())
         assert asyncio.run(deliver(message)) == "no answer within 0 s"
 
 

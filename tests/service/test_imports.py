@@ -72,6 +72,7 @@ SHELL = {
     "mission_service/fire/forecast.py",
     "mission_service/simulation/mock_processes.py",
     "mission_service/interfaces/mqtt/broker_connection.py",
+    "mission_service/interfaces/maps/worker_run.py",
     "mission_service/interfaces/maps/run_fronts.py",  # runs in a thread
     "mission_service/interfaces/mqtt/command_inbox.py",
     "mission_service/interfaces/mqtt/publisher.py",

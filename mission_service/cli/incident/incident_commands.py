@@ -38,14 +38,14 @@ MOISTURES = _numbers(5, "the moistures of 1 h, 10 h, 100 h, herbs and wood in pe
 
 def aircraft_of(text: str) -> Any:
     """Read an aircraft as NAME,STACK,KIND,LAT,LON."""
-    from mission_service.cli.incident.scenario_text import Aircraft
+    from mission_service.cli.incident.scenario_text import NewVehicle
 
     parts = text.split(",")
     form = f"NAME,{'|'.join(STACKS)},{'|'.join(KINDS)},LAT,LON, as in hawk,px4,plane,36.37,-84.13"
     if len(parts) != 5 or parts[1] not in STACKS or parts[2] not in KINDS:
         raise click.BadParameter(f"{text}: write it as {form}")
     lat_deg, lon_deg = PLACE(",".join(parts[3:]))
-    return Aircraft(parts[0], parts[1], parts[2], (lat_deg, lon_deg))
+    return NewVehicle(parts[0], parts[1], parts[2], (lat_deg, lon_deg))
 
 
 def _layer(text: str) -> tuple[str, Path]:
@@ -125,7 +125,12 @@ def _of_file(error: Exception, made: Path, file: Path) -> Exception:
 
 def _incident(file: Path, given: dict[str, Any]) -> Any:
     """Return the incident of the options, and of answers to questions for what is missing."""
-    from mission_service.cli.incident.scenario_text import MAX_CELLS, MIN_CELLS, Incident, grid_of
+    from mission_service.cli.incident.scenario_text import (
+        MAX_CELLS,
+        MIN_CELLS,
+        NewIncident,
+        grid_of,
+    )
 
     def relative(path: Path | None) -> str | None:
         return None if path is None else Path(os.path.relpath(path, file.parent)).as_posix()
@@ -148,7 +153,7 @@ def _incident(file: Path, given: dict[str, Any]) -> Any:
     if not aircraft:
         form = "Aircraft as NAME,STACK,KIND,LAT,LON"
         aircraft = (_asked(form, aircraft_of, "--vehicle"),)
-    return Incident(
+    return NewIncident(
         file.stem,
         given["hours"],
         box,

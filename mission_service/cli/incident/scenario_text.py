@@ -13,7 +13,7 @@ Place = tuple[float, float]  # latitude, longitude in degrees
 
 
 @dataclass(frozen=True)
-class Aircraft:
+class NewVehicle:
     """A vehicle: its name, autopilot, kind and home."""
 
     name: str
@@ -23,7 +23,7 @@ class Aircraft:
 
 
 @dataclass(frozen=True)
-class Incident:
+class NewIncident:
     """What is known about an incident. Paths are relative to the scenario file.
 
     The landscape is the level ground of ``box``, ``landscape`` (one file) or ``layers``. The wind
@@ -43,7 +43,7 @@ class Incident:
     moistures_pct: tuple[float, float, float, float, float]
     ignitions: tuple[Place, ...]
     perimeter: str | None
-    aircraft: tuple[Aircraft, ...]
+    aircraft: tuple[NewVehicle, ...]
     is_simulated: bool
 
 
@@ -68,7 +68,7 @@ def grid_of(box: Box) -> tuple[int, int]:
     return rows, cols
 
 
-def scenario_text(incident: Incident) -> str:
+def scenario_text(incident: NewIncident) -> str:
     """Return the content of the scenario file (TOML)."""
     parts = [
         _table("", {"name": incident.name, "seed": 1, "duration_s": round(3600 * incident.hours)}),
@@ -87,7 +87,7 @@ def scenario_text(incident: Incident) -> str:
     return "\n".join(part for part in parts if part)
 
 
-def _landscape(incident: Incident) -> dict[str, object]:
+def _landscape(incident: NewIncident) -> dict[str, object]:
     if incident.box is None:
         found: dict[str, object] = {"source": "files"}
         return found | ({"file": incident.landscape} if incident.landscape else incident.layers)
@@ -104,7 +104,7 @@ def _landscape(incident: Incident) -> dict[str, object]:
     }
 
 
-def _weather(incident: Incident) -> str:
+def _weather(incident: NewIncident) -> str:
     names = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct", "live_herb_pct", "live_woody_pct")
     moistures = dict(zip(names, incident.moistures_pct, strict=True))
     if incident.wind is None:
@@ -115,7 +115,7 @@ def _weather(incident: Incident) -> str:
     return _table("[weather]", {**wind, **moistures})
 
 
-def _vehicle(each: Aircraft, number: int) -> dict[str, object]:
+def _vehicle(each: NewVehicle, number: int) -> dict[str, object]:
     return {
         "name": each.name,
         "stack": each.stack,

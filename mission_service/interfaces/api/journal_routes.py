@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import subprocess
 from collections.abc import AsyncIterator
 from functools import partial
 from typing import Annotated, BinaryIO
@@ -16,6 +17,7 @@ from mission_service.interfaces.api.journal_lines import JournalLines
 from mission_service.interfaces.api.openapi import V1, file, route
 from mission_service.interfaces.api.responses import ApiError
 from mission_service.interfaces.maps.products_worker import ProductsJob
+from mission_service.interfaces.maps.worker_run import worker_output
 from mission_service.journal.journal_file import segment_path
 from mission_service.sensors.worker_process import command_of, end_of
 
@@ -104,26 +106,16 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
 async def _made_in_process(job: ProductsJob) -> bytes:
     """Return the products as a zip file, made by another process. Raises ApiError 422."""
-    process = await asyncio.create_subprocess_exec(
-        *WORKER,
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )
+    data = msgspec.msgpack.encode(job)
     try:
-        async with asyncio.timeout(MADE_WITHIN_S):
-            output, errors = await process.communicate(msgspec.msgpack.encode(job))
+        code, output, errors = await worker_output(WORKER, data, MADE_WITHIN_S, subprocess.PIPE)
     except TimeoutError:
         text = f"the products take more than {MADE_WITHIN_S:g} s; give forecast_h=0"
         raise ApiError(422, text) from None
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-    if process.returncode != 0:
+    if code != 0:
         lines = errors.decode("utf-8", "replace").strip().splitlines()
-        ended = f"the process that makes the products ended with {end_of(process.returncode or 0)}"
-        raise ApiError(422, lines[-1] if process.returncode == 1 and lines else ended)
+        ended = f"the process that makes the products ended with {end_of(code)}"
+        raise ApiError(422, lines[-1] if code == 1 and lines else ended)
     return output
 
 

@@ -1,6 +1,7 @@
 """Reads uploaded files in a separate process (``maps/upload_worker.py``)."""
 
 import asyncio
+import subprocess
 
 import msgspec
 
@@ -12,6 +13,7 @@ from mission_service.interfaces.maps.upload_worker import (
     RasterDone,
     RasterJob,
 )
+from mission_service.interfaces.maps.worker_run import worker_output
 from mission_service.sensors.worker_process import WITHIN_S, command_of, end_of
 
 WORKER = command_of("mission_service.interfaces.maps.upload_worker")
@@ -23,27 +25,16 @@ async def read_in_process(job: Job | RasterJob) -> Done | RasterDone:
 
     Raises ApiError 422 if the file is unusable, or if the process that reads it crashes or is slow.
     """
-    process = await asyncio.create_subprocess_exec(
-        *WORKER,
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.DEVNULL,
-    )
+    data = msgspec.msgpack.encode(job)
     try:
-        async with asyncio.timeout(WITHIN_S):
-            output, _ = await process.communicate(msgspec.msgpack.encode(job))
+        code, output, _ = await worker_output(WORKER, data, WITHIN_S, subprocess.DEVNULL)
     except TimeoutError:
         text = f"reading the file takes more than {WITHIN_S:g} s; simplify it"
         raise ApiError(422, text) from None
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-    if process.returncode != 0:
+    if code != 0:
         raise ApiError(
             422,
-            f"the process that read the file ended with {end_of(process.returncode or 0)}; "
-            "simplify the file",
+            f"the process that read the file ended with {end_of(code)}; simplify the file",
         )
     answer: Done | RasterDone | Failed = await asyncio.to_thread(_decode, output)
     if isinstance(answer, Failed):

@@ -65,8 +65,8 @@ def fire_events(front: dict[str, Any], site: str, unix_us: int, stale_us: int) -
     areas = _largest_first(front)
     remarks = f"{front['properties']['area_ha']:.1f} ha burned in {len(areas)} areas, by the model"
     for number, area in enumerate(areas[:MAX_AREAS], start=1):
-        line = Drawn(f"fire.{number}", f"Fire {number}", area.exterior, RED, FAINT_RED, remarks)
-        yield _drawn(line, site, unix_us, stale_us)
+        line = CotLine(f"fire.{number}", f"Fire {number}", area.exterior, RED, FAINT_RED, remarks)
+        yield _line_event(line, site, unix_us, stale_us)
 
 
 def forecast_events(
@@ -79,8 +79,8 @@ def forecast_events(
         for number, area in enumerate(_largest_first(front)[:MAX_FORECAST_AREAS], start=1):
             uid = f"forecast.{minutes}.{number}"
             title = f"Fire in {minutes} min"
-            line = Drawn(uid, title, area.exterior, ORANGE, "", remarks)
-            yield _drawn(line, site, unix_us, stale_us)
+            line = CotLine(uid, title, area.exterior, ORANGE, "", remarks)
+            yield _line_event(line, site, unix_us, stale_us)
 
 
 def mission_event(state: MissionState, site: str, unix_us: int, stale_us: int) -> bytes | None:
@@ -94,8 +94,8 @@ def mission_event(state: MissionState, site: str, unix_us: int, stale_us: int) -
     if len(places) < 2:
         return None
     name = state.vehicle
-    line = Drawn(f"{name}.mission", f"{name} mission", LineString(places), BLUE, "", "on board")
-    return _drawn(line, site, unix_us, stale_us)
+    line = CotLine(f"{name}.mission", f"{name} mission", LineString(places), BLUE, "", "on board")
+    return _line_event(line, site, unix_us, stale_us)
 
 
 def chat_event(text: str, site: str, message_id: str, unix_us: int) -> bytes:
@@ -121,7 +121,7 @@ def chat_event(text: str, site: str, message_id: str, unix_us: int) -> bytes:
     return ElementTree.tostring(event)
 
 
-class Drawn(NamedTuple):
+class CotLine(NamedTuple):
     """A line or an outline (longitude, latitude) with its colours; ``fill`` may be empty."""
 
     uid: str  # after the name of the site
@@ -132,20 +132,20 @@ class Drawn(NamedTuple):
     remarks: str
 
 
-def _drawn(drawn: Drawn, site: str, unix_us: int, stale_us: int) -> bytes:
-    event = _event(f"{site}.{drawn.uid}", DRAWN, MADE_UP, unix_us, stale_us)
-    places = _few_corners(drawn.line)
-    middle = Polygon(places).representative_point() if drawn.line.is_ring else Point(places[0])
+def _line_event(line: CotLine, site: str, unix_us: int, stale_us: int) -> bytes:
+    event = _event(f"{site}.{line.uid}", DRAWN, MADE_UP, unix_us, stale_us)
+    places = _few_corners(line.line)
+    middle = Polygon(places).representative_point() if line.line.is_ring else Point(places[0])
     _point(event, middle.y, middle.x)
     detail = ElementTree.SubElement(event, "detail")
     for lon_deg, lat_deg in places:
         ElementTree.SubElement(detail, "link", point=f"{lat_deg:.6f},{lon_deg:.6f}")
-    ElementTree.SubElement(detail, "strokeColor", value=drawn.colour)
+    ElementTree.SubElement(detail, "strokeColor", value=line.colour)
     ElementTree.SubElement(detail, "strokeWeight", value="3.0")
-    if drawn.fill:
-        ElementTree.SubElement(detail, "fillColor", value=drawn.fill)
-    ElementTree.SubElement(detail, "contact", callsign=drawn.title)
-    ElementTree.SubElement(detail, "remarks").text = drawn.remarks
+    if line.fill:
+        ElementTree.SubElement(detail, "fillColor", value=line.fill)
+    ElementTree.SubElement(detail, "contact", callsign=line.title)
+    ElementTree.SubElement(detail, "remarks").text = line.remarks
     return ElementTree.tostring(event)
 
 

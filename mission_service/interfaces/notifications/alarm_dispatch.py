@@ -11,7 +11,7 @@ FIRST_RETRY_S, LAST_RETRY_S = 10.0, 300.0  # interval after a failure; it double
 OWN_KIND = "notification"  # alarms about messages that were not delivered
 
 
-class Message(NamedTuple):
+class AlarmMessage(NamedTuple):
     """A message with all alarms that are due; ``begun``, ``ended`` are their keys."""
 
     title: str
@@ -40,7 +40,7 @@ class AlarmDispatch:
         self._failures = 0
         self._not_before_s = 0.0
 
-    def next_message(self, alarms: Iterable[Alarm], now_s: float) -> Message | None:
+    def next_message(self, alarms: Iterable[Alarm], now_s: float) -> AlarmMessage | None:
         """Return the message to send now, or None; call ``delivered`` or ``failed`` afterwards."""
         self._follow({each.alarm: each for each in alarms if self._concerns(each)}, now_s)
         if now_s < self._not_before_s:
@@ -54,9 +54,9 @@ class AlarmDispatch:
         count = len(begun)
         what = f"{count} alarm{'s' if count > 1 else ''}" if count else "End of alarms"
         keys = tuple(each.alarm for each in begun)
-        return Message(f"{self._site}: {what}", "\n".join(lines), keys, tuple(self._ended))
+        return AlarmMessage(f"{self._site}: {what}", "\n".join(lines), keys, tuple(self._ended))
 
-    def delivered(self, message: Message, now_s: float) -> None:
+    def delivered(self, message: AlarmMessage, now_s: float) -> None:
         """Mark the alarms of a message as sent."""
         self._failures, self._not_before_s = 0, now_s
         for key in message.begun:

@@ -14,7 +14,7 @@ from mission_service.errors import MissionServiceError
 from mission_service.interfaces.notifications.alarm_dispatch import (
     OWN_KIND,
     AlarmDispatch,
-    Message,
+    AlarmMessage,
 )
 from mission_service.runtime.clocks import clock_us
 from mission_service.runtime.redaction import hide
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LOOK_S = 1.0
 ANSWER_S = 30.0  # time limit for one delivery
 
-Deliver = Callable[[Message], Coroutine[Any, Any, str]]
+Deliver = Callable[[AlarmMessage], Coroutine[Any, Any, str]]
 
 
 def alarm_notifier(
@@ -98,7 +98,7 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
             "(https://appriseit.com/services)"
         )
 
-    async def deliver(message: Message) -> str:
+    async def deliver(message: AlarmMessage) -> str:
         try:
             async with asyncio.timeout(ANSWER_S):
                 result = await asyncio.to_thread(

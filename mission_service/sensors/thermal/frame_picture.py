@@ -179,5 +179,4 @@ def draw_cells(
 
 def km_from_corner(landscape: Landscape, x_m: float, y_m: float) -> tuple[float, float]:
     """Return a position in km from the landscape's south-west corner, for the axes."""
-    south_m = landscape.north_m - landscape.shape[0] * landscape.cell_size_m
-    return (x_m - landscape.west_m) / 1e3, (y_m - south_m) / 1e3
+    return (x_m - landscape.west_m) / 1e3, (y_m - landscape.south_m) / 1e3
