@@ -3,11 +3,11 @@
 The true fires (seeds A to B) and the camera are those of ``estimate_twins``. At each time of
 evaluation, 60 people stand at random places up to 1 km ahead of the true front. For each, the
 estimate forecasts the times before which the fire arrives with a probability of 10, 50 and 90 %.
-The true fire is known until 4 h. Printed are the shares of people that the true fire reaches before
-these times (wanted: 10, 50, 90 %), the median error of the 50 % time of people that the true fire
-and the forecast reach, the same error of the model without observations, and the share of these
-people that have an alarm 30 minutes or more before the fire arrives (of those for whom the fire
-arrives at least 30 minutes after the forecast).
+The true fire is simulated until 4 h. The output contains the shares of people that the true fire
+reaches before these times (ideally 10, 50, 90 %), the median error of the 50 % time of people that
+the true fire and the forecast reach, the same error of the model without observations, and the
+share of these people that have an alarm 30 minutes or more before the fire arrives (of those for
+whom the fire arrives at least 30 minutes after the forecast).
 """
 
 from collections.abc import Sequence
@@ -68,7 +68,7 @@ def arrivals(
 
 def line(name: str, found: Arrival) -> str:
     """Return the scores of people as a line."""
-    # Without an arrival until the end, it is unknown which time is later.
+    # If neither time is before the end, their order is unknown.
     known = np.isfinite(found.true_s) | np.isfinite(found.forecast_s)
     reached = [
         float(np.mean((found.true_s <= each)[is_known]))

@@ -1,4 +1,4 @@
-"""Read the comments beside the fields of a class: what the source says about each key."""
+"""Read the comments beside the fields of a class, which state the meanings of keys."""
 
 import ast
 import inspect

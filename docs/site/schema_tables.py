@@ -91,7 +91,7 @@ def key_table(
     Args:
         schema: A JSON Schema of type object.
         link: Returns the anchor of the section with a named schema, or None.
-        meanings: Meanings of keys whose schema has no description.
+        meanings: Meanings of the keys that have no description in the schema.
 
     Returns:
         The table, or one line for an object without properties.

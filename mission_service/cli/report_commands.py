@@ -112,7 +112,7 @@ def _aware_time(
     "--time-zero",
     callback=_aware_time,
     metavar="TIME",
-    help="Calendar time of mission time 0, with UTC offset, if the scenario has none.",
+    help="Calendar time of mission time 0, with UTC offset (default: time_zero of the scenario).",
 )
 @JSON
 def products(

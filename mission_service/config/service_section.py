@@ -186,7 +186,7 @@ class CotSection(Section):
 class AlarmReceiverSection(Section):
     """A receiver of alarms: e-mail, text message, webhook, and others (URLs of Apprise).
 
-    An alarm is sent once it has been active for ``after_s`` without acknowledgement, and again
+    An alarm is sent when it has been active for ``after_s`` without acknowledgement, and again
     every ``repeat_s`` until an operator acknowledges it.
     """
 
@@ -210,7 +210,7 @@ class FireArrivalSection(Section):
     values: tuple[Path, ...] = ()  # roads, structures, areas: GeoJSON, KML, KMZ, zipped Shapefile
     warn_min: Annotated[float, Field(gt=0, le=360)] = 60.0
     severe_min: Annotated[float, Field(ge=0, le=360)] = 20.0
-    distance_m: Annotated[float, Field(ge=0, le=1000)] = 50.0  # fire this near has arrived
+    distance_m: Annotated[float, Field(ge=0, le=1000)] = 50.0  # fire so near has arrived
     every_s: Annotated[float, Field(ge=5, le=600)] = 30.0
 
     @model_validator(mode="after")
@@ -218,7 +218,7 @@ class FireArrivalSection(Section):
         if self.severe_min > self.warn_min:
             raise ValueError(
                 f"severe_min = {self.severe_min:g} is longer than warn_min = {self.warn_min:g}: an "
-                "alarm becomes severe after it was a warning"
+                "alarm is a warning before it is severe"
             )
         return self
 

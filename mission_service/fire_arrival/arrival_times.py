@@ -14,9 +14,9 @@ from mission_service.fire_arrival.places import Kind, Place
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 SHARES = (0.1, 0.5, 0.9)  # probabilities of the three arrival times
-# An alarm ends when the arrival is later than its limit by this factor, and its text changes when
-# the arrival has changed by this share of the remaining time, or by a minute.
-RELEASED = 1.2
+END_FACTOR = 1.2  # an alarm ends when the early arrival is later than its limit times this factor
+# A text changes when the early arrival has changed by this share of the remaining time, and by this
+# time at least.
 CHANGED_SHARE, CHANGED_S = 0.1, 60.0
 
 
@@ -24,9 +24,9 @@ class FireArrival(msgspec.Struct, tag="fire_arrival/1", tag_field="schema"):
     """The forecast arrival of the fire at a person or a value at risk (position in WGS84).
 
     The fire arrives before ``early_at_us``, ``median_at_us`` and ``late_at_us`` (mission time) with
-    a probability of 10, 50 and 90 %; None: not until ``until_us``. A time in the past means that
-    the fire is there. ``at_unix_us`` is the wall clock at ``at_us``, None if mission time does not
-    pass as real time; ``position_unix_us`` is the time of a person's position.
+    a probability of 10, 50 and 90 %; None: not until ``until_us``. A time in the past is the
+    estimated time of arrival. ``at_unix_us`` is the wall clock at ``at_us``, None if mission time
+    does not pass as real time; ``position_unix_us`` is the time of a person's position.
     """
 
     at_us: int
@@ -131,15 +131,15 @@ class ArrivalAlarms:
     def _severity(self, left_s: float, before: ArrivalAlarm | None) -> Severity | None:
         for severity, limit_s in self._limits_s.items():
             was_as_severe = before is not None and before.severity in ("severe", severity)
-            if left_s <= limit_s * (RELEASED if was_as_severe else 1.0):
+            if left_s <= limit_s * (END_FACTOR if was_as_severe else 1.0):
                 return severity
         return None
 
 
 def arrival_text(arrival: FireArrival, zone: tzinfo) -> str:
-    """Return a line such as "Engine 3: fire possible from 14:35, expected at 14:52 PDT".
+    """Return a line such as "Engine 3: fire possible from 14:35 PDT, expected at 14:52 PDT".
 
-    Possible is the time with a probability of 10 %, expected that of 50 %.
+    "possible" states the time with a probability of 10 %, "expected" that of 50 %.
     """
     if arrival.early_at_us is None:
         return f"{arrival.name}: no fire expected until {_clock(arrival.until_us, arrival, zone)}"

@@ -4,7 +4,7 @@ from collections import OrderedDict
 from typing import NamedTuple
 
 MAX_PEOPLE = 2000
-FORGOTTEN_S = 3600.0  # a person without a new position is removed after this time
+MAX_POSITION_AGE_S = 3600.0  # a person without a new position is removed after this time
 
 
 class Person(NamedTuple):
@@ -18,13 +18,13 @@ class Person(NamedTuple):
 
 
 class People:
-    """The people of one run. The table is bounded; the oldest position is removed first."""
+    """The people of one run, at most ``MAX_PEOPLE``; the oldest position is removed first."""
 
     def __init__(self) -> None:
         self._people: OrderedDict[str, Person] = OrderedDict()
 
     def update_position(self, person: Person) -> None:
-        """Store a position, unless a newer one of the same person is known."""
+        """Store a position, unless a newer one of the same person is stored."""
         before = self._people.get(person.uid)
         if before is not None and before.at_unix_us > person.at_unix_us:
             return
@@ -35,7 +35,7 @@ class People:
 
     def current(self, unix_us: int) -> list[Person]:
         """Return the people in the order of their identifiers, and remove outdated ones."""
-        oldest_us = unix_us - round(FORGOTTEN_S * 1e6)
+        oldest_us = unix_us - round(MAX_POSITION_AGE_S * 1e6)
         for uid in [uid for uid, each in self._people.items() if each.at_unix_us < oldest_us]:
             del self._people[uid]
         return [self._people[uid] for uid in sorted(self._people)]

@@ -22,8 +22,8 @@ from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.state_view import StateView
 
 ALARM = "fire_arrival"
-COMPARED_S = 3.0  # the first comparison of mission time and wall clock takes this long
-REAL_TIME_SHARE = 0.2
+COMPARED_S = 3.0  # duration of the first comparison of mission time and wall clock
+REAL_TIME_SHARE = 0.2  # difference of the rates of the clocks up to which they agree
 
 
 def values_of(section: FireArrivalSection, landscape: Landscape) -> list[Place]:
@@ -35,7 +35,7 @@ def values_of(section: FireArrivalSection, landscape: Landscape) -> list[Place]:
 async def watch_fire_arrival(
     context: RunContext, section: FireArrivalSection, values: Sequence[Place]
 ) -> None:
-    """Compute the arrivals regularly until cancelled, and show them and their alarms."""
+    """Compute the arrivals regularly until cancelled, and publish them and their alarms."""
     zone = time_zone_of(context.landscape) or UTC
     alarms = ArrivalAlarms(60.0 * section.warn_min, 60.0 * section.severe_min, zone)
     view, clocks = context.state_view, ClockComparison(context.clock.now_us, wall_us())
@@ -72,10 +72,10 @@ async def _arrivals(
 
 
 class ClockComparison:
-    """Compares mission time with the wall clock since the begin of the watch."""
+    """Compares mission time with the wall clock since the start of the watch."""
 
     def __init__(self, now_us: int, unix_us: int) -> None:
-        """Begin at a mission time and a time of the wall clock."""
+        """Start at a mission time and a time of the wall clock."""
         self._began_us, self._began_unix_us = now_us, unix_us
 
     def is_real_time(self, now_us: int, unix_us: int) -> bool:

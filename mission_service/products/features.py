@@ -19,7 +19,7 @@ def perimeter(incident: Incident) -> Feature:
 
 
 def fronts(incident: Incident) -> list[Feature]:
-    """Return the perimeter at each hour of mission time until now; times at which it burns."""
+    """Return the perimeter now, and at each earlier hour of mission time with a fire."""
     return [
         _polygon(incident, geometry, at_s)
         for at_s in incident.past_times_s()

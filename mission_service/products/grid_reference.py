@@ -1,4 +1,4 @@
-"""Draw the UTM grid of a map, and name its squares as the US National Grid (MGRS on WGS84) does.
+"""Draw the UTM grid of a map, and name its squares by the US National Grid (MGRS on WGS84).
 
 The letters follow NGA.STND.0037 (Universal Grids and the MGRS), for WGS84.
 """

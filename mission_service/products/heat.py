@@ -5,7 +5,7 @@ intense heat is a continuous area of burning ground, scattered heat an area with
 sources, and an isolated heat source a single one. An image in the journal states for each cell
 whether it has burned, not how hot it is. Therefore, ground counts as hot if an image of the last
 hour shows it as burned at most half an hour after the estimated arrival of fire. Points that
-sensors or people report as hot or burning are hot wherever they are.
+sensors or people report as hot or burning in this hour count as heat everywhere.
 """
 
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ ISOLATED = "IR Isolated Heat Source"
 LAST_S = 3600.0  # images of this period are used
 GLOWING_S = 1800.0  # time for which ground is hot after the arrival of fire
 INTENSE_CELLS = 6  # a connected group of at least this many hot cells is intense heat
-SCATTERED_M, SCATTERED_SOURCES = 150.0, 3  # at least so many sources, each so near to the next
+SCATTERED_M, SCATTERED_SOURCES = 150.0, 3  # scattered: largest gap, smallest number of sources
 
 
 class Heat(NamedTuple):
@@ -45,7 +45,9 @@ class ObservedHeat:
 
     def __init__(self, landscape: Landscape) -> None:
         self._landscape = landscape
-        self._burned_s: Floats = np.full(landscape.shape, -np.inf)  # last seen as burned
+        self._burned_s: Floats = np.full(
+            landscape.shape, -np.inf
+        )  # last time of an image with this burned cell
         self._points: list[tuple[float, float, float]] = []  # at_s, lat_deg, lon_deg
         self.first_s: float | None = None  # time of the first image
         self.last_s: float | None = None

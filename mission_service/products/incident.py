@@ -1,6 +1,6 @@
 """The state of an incident at a mission time, from which all products are made.
 
-The fire is the estimate of the run, never the simulated fire of a simulation.
+The fire is the estimate of the run, not the simulated fire.
 """
 
 from collections.abc import Sequence
@@ -47,7 +47,7 @@ class Incident:
     ``time_zero`` is the calendar time of mission time 0. ``arrival`` contains the arrival times of
     the estimate until ``at_s`` and of the forecast later. ``probability`` (y, x) is the burn
     probability at the end of the forecast, None without a forecast. ``fire`` is None in a burn,
-    where the estimate has no behaviour.
+    in which the estimate has no flame lengths.
     """
 
     name: str

@@ -34,7 +34,7 @@ def log_text(incident: Incident, files: list[str]) -> str:
 
 
 def _growth(incident: Incident) -> list[tuple[str, str]]:
-    """Return the growth in the last hour and in the last 24 hours, where the fire is as old."""
+    """Return the growth in the last hour and in the last 24 hours, if the fire is older."""
     begun_s = float(incident.arrival.arrival_s.min())
     found = []
     for hours in (1, 24):

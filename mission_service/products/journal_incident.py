@@ -1,4 +1,4 @@
-"""Read the state of an incident from a journal, by replaying its events to the estimate."""
+"""Read the state of an incident from a journal, by applying its events to the estimate."""
 
 import math
 from collections.abc import Iterator
@@ -20,8 +20,8 @@ from mission_service.products.incident import ImageTimes, Incident, InterpreterL
 from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.run_statistics import RunStatistics
 
-# The ensemble of the forecast starts from the estimate one to two hours before the products. The
-# images of more hours would take longer to process than a crew can wait.
+# The ensemble of the forecast starts from the estimate one to two hours before the products,
+# because images of more hours take too long to process.
 ENSEMBLE_EVERY_S = 3600.0
 
 

@@ -29,7 +29,7 @@ ROLES = {
 
 
 def stac_item(incident: Incident, files: dict[str, str]) -> dict[str, Any]:
-    """Return the item; ``files`` are titles by file name, in the folder of the item."""
+    """Return the item of ``files`` (titles by name), which are in the folder of the item."""
     bounds = _bounds(incident)
     west, south, east, north = bounds
     ring = [[west, south], [east, south], [east, north], [west, north], [west, south]]

@@ -44,7 +44,7 @@ def write_geopackage(path: Path, layers: dict[str, list[Feature]], written: date
 
 
 def write_shapefile(path: Path, layer: str, features: Sequence[Feature], written: datetime) -> None:
-    """Write a layer as a Shapefile with .prj and .cpg, zipped; names have ten characters."""
+    """Write a layer as a Shapefile with .prj and .cpg, zipped; at most 10 characters a name."""
     renamed = [{**each, "properties": _short(each["properties"])} for each in features]
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / f"{layer}.shp"
@@ -67,7 +67,7 @@ def write_zip(path: Path, contents: dict[str, bytes], written: datetime) -> None
 
 
 def _short(properties: dict[str, Any]) -> dict[str, Any]:
-    """Return attributes with the names of a Shapefile; dates, which it cannot hold, as text."""
+    """Return attributes with the names of a Shapefile, which stores dates with times as text."""
     found = {}
     for name, value in properties.items():
         bare = name.removeprefix("poly_")

@@ -10,7 +10,7 @@ import pytest
 from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
 from mission_service.errors import ScenarioError
-from mission_service.fire_arrival.people import FORGOTTEN_S, MAX_PEOPLE, People, Person
+from mission_service.fire_arrival.people import MAX_PEOPLE, MAX_POSITION_AGE_S, People, Person
 from mission_service.fire_arrival.places import person_places, values_in
 
 LAND = flat_landscape(60, 80, 30.0, 37.0, -120.0)
@@ -110,7 +110,7 @@ def test_positions_are_replaced_by_newer_ones_and_removed_after_an_hour() -> Non
     people.update_position(person(1, 1, at_unix_us=5))
     people.update_position(person(2, 2, at_unix_us=4))
     assert people.current(10) == [person(1, 1, at_unix_us=5)]
-    assert people.current(round(FORGOTTEN_S * 1e6) + 6) == []
+    assert people.current(round(MAX_POSITION_AGE_S * 1e6) + 6) == []
     for number in range(MAX_PEOPLE + 3):
         people.update_position(person(1, 1, f"p{number:05d}"))
     found = people.current(0)

@@ -24,7 +24,7 @@ class NewVehicle:
 
 @dataclass(frozen=True)
 class NewIncident:
-    """What is known about an incident. Paths are relative to the scenario file.
+    """The inputs of a new incident. Paths are relative to the scenario file.
 
     The landscape is the level ground of ``box``, ``landscape`` (one file) or ``layers``. The wind
     is ``wind`` (speed in m/s, direction from which it blows) or in ``weather``, a file. The fire

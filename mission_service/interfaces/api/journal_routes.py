@@ -34,7 +34,7 @@ Segment = Annotated[
 
 TimeZero = Annotated[
     AwareDatetime | None,
-    Query(description="Calendar time of mission time 0, if the scenario has no time_zero."),
+    Query(description="Calendar time of mission time 0; default: time_zero of the scenario."),
 ]
 
 
@@ -81,7 +81,8 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/products.zip",
         **route(
             "look",
-            "Maps, GIS files, KMZ and a log of the fire now, as by `mission-service products`.",
+            "Maps, GIS files, KMZ and a log of the present fire: the files of "
+            "`mission-service products`.",
             file(ZIP),
         ),
     )
@@ -96,7 +97,9 @@ def add(routes: APIRouter, api: ApiContext) -> None:
                 "0 with its UTC offset, such as 2026-08-01T14:00-06:00",
             )
         if making.locked():
-            raise ApiError(503, "the products are being made already; repeat the request later")
+            raise ApiError(
+                503, "another request for the products is in progress; repeat this one later"
+            )
         job = ProductsJob(str(api.context.journal_path), 3600.0 * forecast_h, time_zero)
         async with making:
             content = await _made_in_process(job)

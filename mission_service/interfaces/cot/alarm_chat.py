@@ -20,9 +20,9 @@ class _Sent(NamedTuple):
 
 
 class AlarmChat:
-    """The chat messages about the alarms of one run: one at the begin, change and end of each.
+    """The chat messages of one run: one at the start, each change and the end of an alarm.
 
-    A repeated message has the same identifier as before, so that clients show it once.
+    A repeated message has the same identifier as before, so that clients show one message.
     """
 
     def __init__(self, level: Level, site: str) -> None:

@@ -1,4 +1,4 @@
-"""Writes the products of a run in a separate process, because they take seconds of computing.
+"""Writes the products of a run in a separate process, because they take many seconds of computing.
 
 The process reads a ``ProductsJob`` (msgpack) from standard input and writes a zip file to standard
 output, or one line to standard error and exits with 1.
@@ -16,7 +16,10 @@ from mission_service.sensors.worker_process import NICENESS
 
 
 class ProductsJob(msgspec.Struct, frozen=True):
-    """The journal, the length of the forecast, and the calendar time of mission time 0 if given."""
+    """The journal, the length of the forecast, and the calendar time of mission time 0.
+
+    ``time_zero`` is None for that of the scenario.
+    """
 
     journal: str
     forecast_s: float

@@ -7,12 +7,15 @@ from typing import NamedTuple
 from mission_service.config.service_section import AlarmReceiverSection
 from mission_service.runtime.published_states import Alarm
 
-FIRST_RETRY_S, LAST_RETRY_S = 10.0, 300.0  # interval after a failure; it doubles
+FIRST_RETRY_S, LAST_RETRY_S = (
+    10.0,
+    300.0,
+)  # interval after a failure, doubled up to the second value
 OWN_KIND = "notification"  # alarms about messages that were not delivered
 
 
 class AlarmMessage(NamedTuple):
-    """A message with all alarms that are due; ``begun``, ``ended`` are their keys."""
+    """A message with all alarms that are due; ``begun`` and ``ended`` are keys of alarms."""
 
     title: str
     body: str

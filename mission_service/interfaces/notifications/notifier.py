@@ -22,7 +22,7 @@ from mission_service.runtime.redaction import hide
 if TYPE_CHECKING:
     from mission_service.runtime.run_context import RunContext
 
-LOOK_S = 1.0
+LOOK_S = 1.0  # interval between two checks of the alarms
 ANSWER_S = 30.0  # time limit for one delivery
 
 Deliver = Callable[[AlarmMessage], Coroutine[Any, Any, str]]
@@ -50,8 +50,8 @@ async def notify(
 ) -> None:
     """Send the alarms of a run to one receiver until cancelled.
 
-    ``deliver`` returns why a message was not delivered, or "". While messages are not delivered, an
-    alarm is active.
+    ``deliver`` returns the reason for which a message was not delivered, or "". From a failed
+    delivery to the next successful one, the alarm ``notification/NAME`` is active.
     """
     view, dispatch = context.state_view, AlarmDispatch(receiver, site)
     key = f"{OWN_KIND}/{receiver.name}"

@@ -40,8 +40,8 @@ def pack(
 ) -> int:
     """Write the tiles of ``source`` in an area to ``out``; return their number.
 
-    The same tiles result in the same bytes. ``progress`` receives the numbers of read and of all
-    tiles. Raises MissionServiceError for an area that the source does not contain, and for an area
+    Equal tiles give identical files. ``progress`` receives the number of tiles read and the number
+    of all tiles. Raises MissionServiceError for an area that the source does not contain, or for one
     with more than ``MAX_TILES`` tiles.
     """
     basemap = source.basemap

@@ -16,11 +16,11 @@ QUALITY = 80
 SAMPLE = 512  # pixels along each side, from which the contrast of values above 8 bits is computed
 CONTRAST_PCT = (2.0, 98.0)  # these percentiles become black and white
 HIGHEST_ZOOM = 22
-SHARE_ZOOMS = 3  # at the lowest zoom the raster fills an eighth of a tile's width
+WIDTH_ZOOMS = 3  # at the lowest zoom the raster fills at least 1/2**3 of the width of a tile
 
 
 class RasterTiles:
-    """The tiles of one raster; each read opens the file, so that threads share nothing."""
+    """The tiles of one raster; each read opens the file, so that threads can read at once."""
 
     def __init__(self, path: Path) -> None:
         """Read the extent, the resolution and the range of values. Raises MissionServiceError."""
@@ -44,7 +44,7 @@ class RasterTiles:
         finest = math.ceil(math.log2(WORLD_M / TILE / pixel_m))
         highest = min(max(finest, 0), HIGHEST_ZOOM)
         width_deg = self.bounds_deg[2] - self.bounds_deg[0]
-        lowest = math.floor(math.log2(360.0 / max(width_deg, 1e-6))) - SHARE_ZOOMS
+        lowest = math.floor(math.log2(360.0 / max(width_deg, 1e-6))) - WIDTH_ZOOMS
         self.zooms = (min(max(lowest, 0), highest), highest)
 
     @staticmethod

@@ -116,7 +116,7 @@ class PmtilesFile:
 
 
 class MbtilesFile:
-    """An MBTiles file: an SQLite database whose rows of tiles are counted from the south."""
+    """An MBTiles file: an SQLite database of tiles, with rows counted from the south."""
 
     def __init__(self, path: Path) -> None:
         """Read the metadata. Raises MissionServiceError."""
@@ -152,7 +152,7 @@ class MbtilesFile:
 
     @property
     def is_gzipped(self) -> bool:
-        """Return whether the tiles are compressed: those of MBTiles with vectors are."""
+        """Return whether the tiles are compressed; vector tiles of MBTiles are."""
         return self.tile_type is TileType.MVT
 
     @contextlib.contextmanager

@@ -1,4 +1,4 @@
-// People and values at risk on the map, with the time in which the fire may reach them.
+// People and values at risk on the map, with the time until the fire may reach them.
 
 import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
 import { circleLayer, collection, empty, feature, type Group, labelLayer, type Layers, point, show } from "./map.ts";

@@ -1,4 +1,4 @@
-// Basemaps below the fire: files of map tiles from the service, and contour and drainage lines from its elevation.
+// Basemaps below the fire: files of map tiles from the service, and contour and drainage lines from the elevation.
 // Three styles select what is drawn: topo (vector tiles, relief lines, hillshade), imagery (raster tiles), hillshade.
 
 import { type Flavor, layers as protomaps, namedFlavor } from "@protomaps/basemaps";

@@ -26,7 +26,7 @@ export class MapButtons implements IControl {
 
   onAdd(map: MapView): HTMLElement {
     this.map = map;
-    map.on("dragstart", () => this.set(false)); // a hand moves the map
+    map.on("dragstart", () => this.set(false)); // the user moves the map
     return this.element;
   }
 

@@ -1,4 +1,4 @@
-// What a user has chosen in this browser: units, colours of the page, basemap. Kept in localStorage.
+// What a user has chosen in this browser: units, colours of the page, basemap. Stored in localStorage.
 
 export const UNITS = { metric: "Metric", us: "US", aviation: "Aviation" } as const;
 export const THEMES = { auto: "As the system", day: "Day", night: "Night", contrast: "High contrast" } as const;

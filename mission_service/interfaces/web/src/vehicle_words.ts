@@ -20,21 +20,21 @@ export function notSteered(vehicle: Vehicle): string {
   return "";
 }
 
-/** Pre-flight checks are those of vehicles on the ground. */
+/** Only vehicles on the ground have pre-flight checks. */
 const isOnGround = (vehicle: Vehicle): boolean => vehicle.checks.length > 0 || !vehicle.armed;
 
 /** What a vehicle does and why, as one sentence. */
 export function doesAndWhy(store: Store, vehicle: Vehicle): string {
   if (vehicle.link === "never heard") return "No heartbeat yet";
   if (vehicle.link === "lost") {
-    return `Link lost; by its parameters it ${vehicle.lost_link || "does something unknown"}`;
+    return vehicle.lost_link ? `Link lost; by its parameters it ${vehicle.lost_link}` : "Link lost; its reaction is unknown";
   }
   if (vehicle.landing) return `Lands: ${vehicle.landing}`;
   if (vehicle.order) return `${ORDERS[vehicle.order] ?? vehicle.order}, by order`;
   if (isOnGround(vehicle)) return groundWords(vehicle);
   if (vehicle.mode && vehicle.mode !== PLANNED_MODE) {
     const isSent = store.missions.get(vehicle.vehicle)?.sending ?? null;
-    return `In mode ${vehicle.mode}${isSent ? ", while a mission is in transfer" : ": not under the planner"}`;
+    return `In mode ${vehicle.mode}${isSent ? ", while a mission is in transfer" : ": not controlled by the planner"}`;
   }
   return steeredWords(store, vehicle);
 }
@@ -62,7 +62,7 @@ function steeredWords(store: Store, vehicle: Vehicle): string {
   return `Follows the front ${vehicle.direction}${compared}${mission}`;
 }
 
-/** What comes next: the current item with its distance and time, the order that waits, or the landing. */
+/** What comes next: the current item with its distance and time, an expected order, or the landing. */
 export function nextWords(store: Store, vehicle: Vehicle): string {
   const state = store.missions.get(vehicle.vehicle);
   if (state?.proposed) return "a mission waits for your decision";
@@ -72,7 +72,7 @@ export function nextWords(store: Store, vehicle: Vehicle): string {
   const item = vehicle.current_seq === null ? undefined : items[vehicle.current_seq];
   if (!notSteered(vehicle) && fix && item) return itemWords(fix, item, vehicle.current_seq!, items.length);
   if (vehicle.must_land_at_us !== null && !isOnGround(vehicle)) return `must land at ${clock(vehicle.must_land_at_us / 1e6)}`;
-  return vehicle.order === "hold" ? "an order to resume" : "–";
+  return vehicle.order === "hold" ? "the order to resume" : "–";
 }
 
 function itemWords(

@@ -13,7 +13,7 @@ export function productsSection(store: Store): HTMLElement {
   const make = button("Download maps and files", () => void download(), "PDF and PNG maps, KMZ, GeoPackage, Shapefile, GeoTIFF");
   const download = async (): Promise<void> => {
     make.disabled = true;
-    showMessage("The products are being made; this takes up to a minute");
+    showMessage("The service makes the products; this takes up to a minute");
     await attempt("Products", async () => {
       const answer = await made(store);
       const link = h("a", { href: URL.createObjectURL(await answer.blob()), download: "products.zip" });
@@ -26,7 +26,7 @@ export function productsSection(store: Store): HTMLElement {
   return section("For crews and incident staff", make);
 }
 
-/** The products; for a scenario without `time_zero`, now is the present time of the service's clock. */
+/** The products; without a `time_zero` of the scenario, calendar times follow from the present time of the service. */
 async function made(store: Store): Promise<Response> {
   try {
     return await ask("products.zip");
