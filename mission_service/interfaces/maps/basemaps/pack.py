@@ -41,8 +41,8 @@ def pack(
     """Write the tiles of ``source`` in an area to ``out``; return their number.
 
     Equal tiles give identical files. ``progress`` receives the number of tiles read and the number
-    of all tiles. Raises MissionServiceError for an area that the source does not contain, or for one
-    with more than ``MAX_TILES`` tiles.
+    of all tiles. Raises MissionServiceError for an area that the source does not contain, or with
+    more than ``MAX_TILES`` tiles.
     """
     basemap = source.basemap
     area = common(box, basemap.bounds)
