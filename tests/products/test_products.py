@@ -63,10 +63,14 @@ def _no_warning() -> Iterator[None]:
         yield
 
 
-def _perimeter(made: Path) -> dict[str, Any]:
+def _attributes(made: Path, layer: str) -> dict[str, list[Any]]:
     with _no_warning():
-        meta, _, _, values = pyogrio.raw.read(made / "incident.gpkg", layer="perimeter")
-    return dict(zip(meta["fields"], (column[0] for column in values), strict=True))
+        meta, _, _, values = pyogrio.raw.read(made / "incident.gpkg", layer=layer)
+    return dict(zip(meta["fields"], (list(column) for column in values), strict=True))
+
+
+def _perimeter(made: Path) -> dict[str, Any]:
+    return {name: column[0] for name, column in _attributes(made, "perimeter").items()}
 
 
 def test_the_products_are_those_listed_and_a_second_run_writes_the_same_bytes(
@@ -247,6 +251,9 @@ def test_the_log_has_the_facts_of_an_interpreter(made: Path) -> None:
     text = (made / "interpreter-log.txt").read_text()
     acres = _perimeter(made)["poly_GISAcres"]
     assert f"Interpreted size:         {acres:,.1f} acres" in text
+    likely = _attributes(made, "burn_probability")
+    for level, likely_acres in zip(likely["probability"], likely["poly_GISAcres"], strict=True):
+        assert f"{level:.0%}".replace("%", f" %: {likely_acres:,.0f} acres") in text
     assert "not reviewed by a person" in text
     assert re.search(r"hawk \(camera\): [\d,]+ observations, 0 not used", text)
     assert "Growth in 1 h:" in text

@@ -12,6 +12,25 @@ AXE = (
     .joinpath("mission_service/interfaces/web/node_modules/axe-core/axe.min.js")
 )
 
+# JavaScript: the colour behind an element, and the contrast of two colours (WCAG 2.2).
+COLOURS = """
+    const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
+    const light = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
+        .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+    const behind = (one) => {
+        for (let at = one; at; at = at.parentElement) {
+            const rgb = numbers(getComputedStyle(at).backgroundColor);
+            if (rgb.length === 3 || rgb[3] > 0.8) return rgb;
+        }
+        return [255, 255, 255];
+    };
+    const contrast = (a, b) => {
+        const [x, y] = [light(a), light(b)];
+        return (Math.max(x, y) + 0.05) / (Math.min(x, y) + 0.05);
+    };
+"""
+
 
 def axe_problems(page: Page) -> list[str]:
     """Return the serious and critical problems that axe-core finds; skip the test without axe."""
@@ -31,22 +50,9 @@ def axe_problems(page: Page) -> list[str]:
 def weak_borders(page: Page) -> list[str]:
     """Return enabled controls of which no edge has a contrast of 3:1 to what is around them."""
     found: list[str] = page.evaluate(
-        """() => {
-        const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
-        const light = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
-            .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
-            .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
-        const behind = (one) => {
-            for (let at = one; at; at = at.parentElement) {
-                const rgb = numbers(getComputedStyle(at).backgroundColor);
-                if (rgb.length === 3 || rgb[3] > 0.8) return rgb;
-            }
-            return [255, 255, 255];
-        };
-        const contrast = (a, b) => {
-            const [x, y] = [light(a), light(b)];
-            return (Math.max(x, y) + 0.05) / (Math.min(x, y) + 0.05);
-        };
+        "() => {"
+        + COLOURS
+        + """
         const controls = "button, select, input:not([type=checkbox], [type=range])";
         return [...document.querySelectorAll(controls)]
             .filter((one) => one.checkVisibility() && !one.disabled)
@@ -96,26 +102,16 @@ def assert_readable(page: Page, panel: str, size: tuple[int, int]) -> None:
 def weak_texts(page: Page, min_contrast: float = 7.0) -> list[str]:
     """Return texts with a lower contrast to their background (WCAG 2.2)."""
     found: list[str] = page.evaluate(
-        """(least) => {
-        const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
-        const light = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
-            .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
-            .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
-        const behind = (one) => {
-            for (let at = one; at; at = at.parentElement) {
-                const rgb = numbers(getComputedStyle(at).backgroundColor);
-                if (rgb.length === 3 || rgb[3] > 0.8) return rgb;
-            }
-            return [255, 255, 255];
-        };
+        "(least) => {"
+        + COLOURS
+        + """
         const weak = [];
         const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
         while (texts.nextNode()) {
             const one = texts.currentNode.parentElement;
             if (!texts.currentNode.data.trim() || !one.checkVisibility()) continue;
-            const [a, b] = [light(numbers(getComputedStyle(one).color)), light(behind(one))];
-            const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-            if (contrast < least) weak.push(`${contrast.toFixed(1)} ${texts.currentNode.data}`);
+            const ratio = contrast(numbers(getComputedStyle(one).color), behind(one));
+            if (ratio < least) weak.push(`${ratio.toFixed(1)} ${texts.currentNode.data}`);
         }
         return weak;
     }""",

@@ -17,7 +17,7 @@ STACKS, KINDS = ("px4", "ardupilot"), ("plane", "vtol", "copter")
 
 
 def _numbers(count: int, form: str) -> Callable[[str], tuple[float, ...]]:
-    """Return a function that reads ``count`` numbers; ``form`` states what they are."""
+    """Return a function that reads ``count`` numbers; ``form`` describes them in errors."""
 
     def read(text: str) -> tuple[float, ...]:
         try:
@@ -62,16 +62,22 @@ def incident() -> None:
 
 @incident.command("new")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--box", type=bounding_box, metavar="W,S,E,N", help="Level ground of this area.")
+@click.option(
+    "--box", type=bounding_box, metavar="W,S,E,N", help="Level ground in this area (degrees)."
+)
 @click.option("--fuel-model", type=int, default=2, show_default=True, help="Fuel of --box.")
-@click.option("--landscape", type=FILE, help="An .lcp file, or a stack of all layers.")
+@click.option("--landscape", type=FILE, help="An .lcp file, or one raster file with all layers.")
 @click.option(
     "--layer", "layers", type=_layer, multiple=True, metavar="NAME=FILE",
     help="A raster of the landscape: fuel, elevation, slope, aspect, canopy_cover ...",
 )  # fmt: skip
-@click.option("--wind", type=WIND, metavar="SPEED,FROM", help="Wind in m/s and degrees.")
+@click.option(
+    "--wind", type=WIND, metavar="SPEED,FROM", help="Wind: m/s, and degrees from which it blows."
+)
 @click.option("--weather", type=FILE, help="A weather file (.raws, .wxs, .wtr, .csv).")
-@click.option("--start", type=click.DateTime(), help="Local time at which --weather is used first.")
+@click.option(
+    "--start", type=click.DateTime(), help="Mission time 0 in the local time of --weather."
+)
 @click.option(
     "--moistures", type=MOISTURES, default="6,7,8,60,90", show_default=True,
     metavar="1H,10H,100H,HERB,WOODY", help="Fuel moistures in percent.",
@@ -83,7 +89,9 @@ def incident() -> None:
     help="An aircraft and its home.",
 )  # fmt: skip
 @click.option("--hours", type=click.FloatRange(0.1, 2000), default=6.0, show_default=True)
-@click.option("--real", is_flag=True, help="A real fire; without it cameras see a simulated fire.")
+@click.option(
+    "--real", is_flag=True, help="A real fire (default: cameras observe a simulated fire)."
+)
 @JSON
 def new(file: Path, as_json: bool, **given: Any) -> None:
     """Make and check the scenario FILE of a new incident; on a terminal, ask for what is missing.
@@ -115,7 +123,7 @@ def new(file: Path, as_json: bool, **given: Any) -> None:
 
 
 def _of_file(error: Exception, made: Path, file: Path) -> Exception:
-    """Return an error that names the file which the user has given."""
+    """Return an error with the name of the file that the user has given."""
     from mission_service.errors import ScenarioError
 
     if isinstance(error, ScenarioError):

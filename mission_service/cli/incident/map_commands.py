@@ -69,7 +69,9 @@ def pack_command(
         if target.exists() and target.samefile(path):
             raise MissionServiceError(f"{path}: is in the folder --out; give another folder")
         if target.name in written:
-            raise MissionServiceError(f"{path}: another source has the name {path.stem}")
+            raise MissionServiceError(
+                f"{path}: another source has the name {path.stem}; rename one"
+            )
         tiles = pack(tile_file(path), bbox, target, max_zoom)
         written[target.name] = {"tiles": tiles, "bytes": target.stat().st_size}
     if as_json:
