@@ -39,7 +39,7 @@ def output_folder(out: Path) -> Path:
 
 
 def new_folder(name: str, created: str, parent: Path = Path("out")) -> Path:
-    """Return a missing folder for the results of a scenario, as out/default-20261128T224000Z.
+    """Return a new path for the results of a scenario, such as out/default-20261128T224000Z.
 
     Args:
         name: The name of the scenario.
@@ -47,7 +47,7 @@ def new_folder(name: str, created: str, parent: Path = Path("out")) -> Path:
         parent: The folder of all results.
 
     Returns:
-        The path; a number is added if the folder exists.
+        The path, which does not exist; if needed, a number is added.
     """
     words = re.sub(r"[^\w.-]+", "-", name).strip(".-") or "scenario"
     time = datetime.fromisoformat(created).strftime("%Y%m%dT%H%M%SZ")

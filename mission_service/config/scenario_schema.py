@@ -21,8 +21,8 @@ MEANINGS: dict[str, dict[str, str]] = tomllib.loads(
 def scenario_schema() -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of scenario files.
 
-    It contains the tables ``[service]`` and those of all installed rules; it permits each of these
-    tables beside each rule, and does not state the conditions between keys that ``config check``
+    It contains the table ``[service]`` and those of all installed rules; it permits each of these
+    tables with each rule, and does not contain the conditions between keys that ``config check``
     checks.
 
     Raises:

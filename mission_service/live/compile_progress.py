@@ -1,4 +1,4 @@
-"""Reports the progress of a compilation that takes longer than a moment."""
+"""Reports the progress of a compilation that takes more than two seconds."""
 
 import contextlib
 import threading
@@ -18,8 +18,8 @@ LOADS = (
 def compile_progress(notice: Callable[[str], None]) -> Iterator[None]:
     """Send lines to ``notice`` from a thread while the body compiles functions.
 
-    The first line follows after ``NOTICE_AFTER_S``, so that a body that only loads compiled
-    functions sends none. Then a line with the number of compiled functions follows every
+    The first line is sent after ``NOTICE_AFTER_S``, so that a body that only loads compiled
+    functions sends none; then a line with the number of compiled functions is sent every
     ``PROGRESS_EVERY_S``.
     """
     ended = threading.Event()

@@ -37,7 +37,7 @@ def completion(shell: str) -> None:
 @click.command()
 @OUT_FOLDER
 def man(out: Path) -> None:
-    """Write a manual page for each command to DIR, as ~/.local/share/man/man1."""
+    """Write a manual page for each command to DIR, for example ~/.local/share/man/man1."""
     from click_man.core import write_man_pages
 
     root = click.get_current_context().find_root().command
@@ -61,7 +61,7 @@ def config_schema() -> None:
 def _with_all_commands(command: click.Command, context: click.Context) -> click.Command:
     """Return a command that contains all its commands, also those made from a table.
 
-    Each has the first sentence of its help as short help, which click-man shortens otherwise.
+    The short help of each is the first sentence of its help, without the cut of click-man.
     """
     short = command.get_short_help_str(limit=MAX_SHORT_HELP)
     if not isinstance(command, click.Group):
