@@ -251,3 +251,14 @@ class ServiceSection(Section):
         if http is True:
             raise ValueError("write false, or a table [service.http]")
         return None if http is False else http
+
+    @field_validator("alarm_receivers")
+    @classmethod
+    def _names_differ(
+        cls, receivers: tuple[AlarmReceiverSection, ...]
+    ) -> tuple[AlarmReceiverSection, ...]:
+        names = [each.name for each in receivers]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two receivers have the name {name!r}; give each its own name")
+        return receivers

@@ -111,3 +111,13 @@ def test_an_alarm_that_becomes_severe_must_be_acknowledged_again() -> None:
     assert notices.alarms["link/hawk"].acknowledged_by == "ann"
     notices.alarm("link/hawk", "lost", "severe")
     assert notices.alarms["link/hawk"].acknowledged_by == ""
+
+
+def test_a_warning_that_becomes_severe_is_sent_again() -> None:
+    found = dispatch(min_severity="warning")
+    warning = alarm(severity="warning", text="weak")
+    assert sent(found, [warning], 0.0) == "Warning: weak"
+    assert sent(found, [alarm()], 1.0) == "ALARM: lost"
+    assert sent(found, [alarm()], 2.0) == ""
+    assert sent(found, [warning], 3.0) == ""
+    assert sent(found, [], 4.0) == "Ended: weak"

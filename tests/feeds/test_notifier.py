@@ -3,9 +3,11 @@
 import asyncio
 import json
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from email import message_from_bytes
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
@@ -14,8 +16,13 @@ from typing import Any
 import pytest
 from aiosmtpd.controller import Controller
 from aiosmtpd.smtp import SMTP, Envelope, Session
+from pydantic import ValidationError
 
-from mission_service.config.service_section import AlarmReceiverSection, MqttSection
+from mission_service.config.service_section import (
+    AlarmReceiverSection,
+    MqttSection,
+    ServiceSection,
+)
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.notifications import alarm_dispatch
 from mission_service.interfaces.notifications.notifier import alarm_notifier, apprise_delivery
@@ -137,6 +144,71 @@ def test_a_silent_server_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
         assert asyncio.run(deliver(message)) == "no answer within 0 s"
 
 
+@contextmanager
+def endless_server() -> Iterator[int]:
+    """Yield the port of a server that answers a line a second and never ends its answer."""
+    ended = threading.Event()
+
+    def answer(peer: socket.socket) -> None:
+        with peer, suppress(OSError):
+            peer.recv(65536)
+            peer.sendall(b"HTTP/1.1 200 OK\r\n")
+            while not ended.wait(0.2):
+                peer.sendall(b"x-a: b\r\n")
+
+    def accept(server: socket.socket) -> None:
+        with suppress(OSError):
+            while True:
+                threading.Thread(target=answer, args=(server.accept()[0],)).start()
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=accept, args=(server,))
+        thread.start()
+        try:
+            yield server.getsockname()[1]
+        finally:
+            ended.set()
+            server.shutdown(socket.SHUT_RDWR)
+            thread.join(PATIENCE_S)
+
+
+def test_a_server_that_never_ends_its_answer_does_not_delay_the_end_of_the_process() -> None:
+    code = (
+        "import asyncio\n"
+        "from mission_service.config.service_section import AlarmReceiverSection\n"
+        "from mission_service.interfaces.notifications import notifier\n"
+        "from mission_service.interfaces.notifications.alarm_dispatch import Message\n"
+        "notifier.ANSWER_S = 0.2\n"
+        "deliver = notifier.apprise_delivery(AlarmReceiverSection(name='slow', url='{url}'))\n"
+        "print(asyncio.run(deliver(Message('title', 'body', (), ()))))\n"
+    )
+    with endless_server() as port:
+        ran = subprocess.run(
+            [sys.executable, "-c", code.replace("{url}", f"json://127.0.0.1:{port}")],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+        )
+    assert ran.stdout == "no answer within 0 s\n"
+
+
+def test_deliveries_without_an_end_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mission_service.interfaces.notifications.notifier.ANSWER_S", 0.05)
+    monkeypatch.setattr("mission_service.interfaces.notifications.notifier.MAX_UNFINISHED", 2)
+    message = alarm_dispatch.Message("title", "body", (), ())
+
+    async def look(url: str) -> list[str]:
+        deliver = apprise_delivery(AlarmReceiverSection(name="slow", url=url))
+        return [await deliver(message) for _ in range(3)]
+
+    with endless_server() as port:
+        answers = asyncio.run(look(f"json://127.0.0.1:{port}"))
+    assert answers == [
+        *["no answer within 0 s"] * 2,
+        "the server keeps 2 deliveries open without an answer",
+    ]
+
+
 @pytest.mark.parametrize(
     ("url", "problem"),
     [
@@ -155,3 +227,9 @@ def test_an_address_is_read_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "url"
     path.write_text("json://127.0.0.1:9/secret\n", encoding="utf-8")
     apprise_delivery(AlarmReceiverSection(name="ann", url=f"file:{path}"))
+
+
+def test_two_receivers_with_one_name_are_refused() -> None:
+    receivers = [AlarmReceiverSection(name="ann", url=f"json://{host}") for host in "ab"]
+    with pytest.raises(ValidationError, match="two receivers have the name 'ann'"):
+        ServiceSection(alarm_receivers=tuple(receivers))

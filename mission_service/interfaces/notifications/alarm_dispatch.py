@@ -88,10 +88,13 @@ class AlarmDispatch:
                 self._ended[key] = gone.alarm.text
         for key, alarm in alarms.items():
             self._ended.pop(key, None)
-            if key in self._active:
-                self._active[key].alarm = alarm
-            else:
+            before = self._active.get(key)
+            if before is None:
                 self._active[key] = _Active(alarm, now_s)
+                continue
+            if alarm.severity == "severe" != before.alarm.severity:
+                before.sent_s = None  # its message said that it was a warning
+            before.alarm = alarm
 
     def _is_due(self, active: _Active, now_s: float) -> bool:
         if active.alarm.acknowledged_by:

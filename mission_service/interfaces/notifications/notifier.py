@@ -3,7 +3,10 @@
 import asyncio
 import logging
 import re
+import threading
 from collections.abc import Callable, Coroutine, Sequence
+from concurrent.futures import Future
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from autopilot_bridge.errors import BridgeError
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 
 LOOK_S = 1.0  # interval between two checks of the alarms
 ANSWER_S = 30.0  # time limit for one delivery
+MAX_UNFINISHED = 8  # deliveries of one receiver that a server may keep open after the time limit
 
 Deliver = Callable[[AlarmMessage], Coroutine[Any, Any, str]]
 
@@ -98,12 +102,17 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
             "(https://appriseit.com/services)"
         )
 
+    unfinished: list[Future[Any]] = []
+
     async def deliver(message: AlarmMessage) -> str:
+        unfinished[:] = [each for each in unfinished if not each.done()]
+        if len(unfinished) >= MAX_UNFINISHED:
+            return f"the server keeps {MAX_UNFINISHED} deliveries open without an answer"
+        sending = _in_daemon_thread(partial(service.notify, title=message.title, body=message.body))
+        unfinished.append(sending)
         try:
             async with asyncio.timeout(ANSWER_S):
-                result = await asyncio.to_thread(
-                    service.notify, title=message.title, body=message.body
-                )
+                result = await asyncio.wrap_future(sending)
         except TimeoutError:
             return f"no answer within {ANSWER_S:.0f} s"
         if result:
@@ -111,3 +120,21 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
         return next((each.message for each in result.logs()), "the service refused the message")
 
     return deliver
+
+
+def _in_daemon_thread(work: Callable[[], Any]) -> "Future[Any]":
+    """Start ``work`` in a thread that neither delays the end of the process nor other threads.
+
+    The event loop's own threads are few, and the process ends only after them.
+    """
+    found: Future[Any] = Future()
+    found.set_running_or_notify_cancel()  # a later cancellation has no effect
+
+    def run() -> None:
+        try:
+            found.set_result(work())
+        except Exception as error:  # for the caller
+            found.set_exception(error)
+
+    threading.Thread(target=run, name="alarm delivery", daemon=True).start()
+    return found
