@@ -71,7 +71,8 @@ def values_in(path: Path, landscape: Landscape, distance_m: float) -> list[Place
         cells = _cells_near(drawn.shape, landscape, distance_m)
         if cells.size:
             name = str(drawn.attributes.get("name") or f"{path.stem} {number}")
-            name = " ".join(name.split())[:MAX_NAME]
+            name = "".join(each if each.isprintable() else " " for each in name)
+            name = " ".join(name.split())[:MAX_NAME] or f"{path.stem} {number}"
             point = drawn.shape.representative_point()
             key = f"value/{path.stem}/{number}"
             found.append(Place(key, name, "value", point.y, point.x, None, cells))
@@ -100,7 +101,10 @@ def _cells_near(shape: BaseGeometry, landscape: Landscape, distance_m: float) ->
 
     on_map = shapely.transform(shape, projected)
     reach_m = max(distance_m, landscape.cell_size_m / math.sqrt(2.0))
-    west_m, south_m, east_m, north_m = shapely.bounds(on_map)
+    bounds_m = shapely.bounds(on_map)
+    if not np.isfinite(bounds_m).all():  # too far away for the projection
+        return np.empty(0, dtype=np.intp)
+    west_m, south_m, east_m, north_m = bounds_m
     rows, cols = landscape.shape
     top, left = landscape.row_col_of(west_m - reach_m, north_m + reach_m)
     bottom, right = landscape.row_col_of(east_m + reach_m, south_m - reach_m)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
 from mission_service.errors import ScenarioError
@@ -116,3 +117,27 @@ def test_positions_are_replaced_by_newer_ones_and_removed_after_an_hour() -> Non
     found = people.current(0)
     assert len(found) == MAX_PEOPLE
     assert found[0].uid == "p00003"
+
+
+@pytest.mark.parametrize("where", [(0.0, 180.0), (0.0, -180.0), (90.0, 0.0), (-37.0, 60.0)])
+def test_a_person_on_the_other_side_of_the_earth_has_no_place(where: tuple[float, float]) -> None:
+    land = jacksboro(40, 40, 30.0)
+    assert person_places([Person("p", "P", *where, 0)], land, 50.0) == []
+
+
+@pytest.mark.parametrize("place", [[756000.0, 4028000.0], [1e300, 36.0], [180.0, 0.0]])
+def test_coordinates_that_cannot_be_projected_are_off_the_landscape(
+    tmp_path: Path, place: list[float]
+) -> None:
+    path = tmp_path / "utm.geojson"
+    path.write_text(json.dumps({"type": "Point", "coordinates": place}))
+    with pytest.raises(ScenarioError, match="no feature lies on the landscape"):
+        values_in(path, jacksboro(40, 40, 30.0), 50.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"), [("\ud800", "values 1"), ("a\0\u202e b\n", "a b"), ("\u00c4 1", "\u00c4 1")]
+)
+def test_a_name_has_only_printable_characters(tmp_path: Path, name: str, shown: str) -> None:
+    path = written(tmp_path / "values.geojson", (name, "Point", (10, 5)))
+    assert [each.name for each in values_in(path, LAND, 10.0)] == [shown]
