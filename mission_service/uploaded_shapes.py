@@ -289,14 +289,28 @@ def _all(element: Any, tag: str) -> list[Any]:
 
 
 def _kml_shape(placemark: Any, where: str) -> BaseGeometry:
-    """Return the polygons of a placemark, or an empty MultiPolygon."""
+    """Return the polygons of a placemark; if there are none, its lines and points.
+
+    Points beside polygons are places of labels. The shape may be an empty MultiPolygon.
+    """
     polygons = []
     for polygon in _all(placemark, "Polygon"):
         outer = _rings(polygon, "outerBoundaryIs", where)
         if len(outer) != 1:
             raise FireModelError(f"{where} has a polygon of {len(outer)} outlines; draw it again")
         polygons.append(shapely.Polygon(outer[0], _rings(polygon, "innerBoundaryIs", where)))
-    return shapely.MultiPolygon(polygons)
+    if polygons:
+        return shapely.MultiPolygon(polygons)
+    others: list[BaseGeometry] = []
+    for tag, kind, least in (("LineString", shapely.LineString, 2), ("Point", shapely.Point, 1)):
+        for element in _all(placemark, tag):
+            places = [
+                each for below in _all(element, "coordinates") for each in _places(below, where)
+            ]
+            if len(places) < least:
+                raise FireModelError(f"{where} has a {tag} of {len(places)} places; draw it again")
+            others.append(kind(places if least > 1 else places[0]))
+    return shapely.GeometryCollection(others) if others else shapely.MultiPolygon()
 
 
 def _rings(polygon: Any, side: str, where: str) -> list[list[tuple[float, float]]]:
@@ -305,6 +319,14 @@ def _rings(polygon: Any, side: str, where: str) -> list[list[tuple[float, float]
 
 
 def _ring(coordinates: Any, where: str) -> list[tuple[float, float]]:
+    found = _places(coordinates, where)
+    if len(found) < 3:
+        raise FireModelError(f"{where} has an outline of {len(found)} points; draw it again")
+    return found
+
+
+def _places(coordinates: Any, where: str) -> list[tuple[float, float]]:
+    """Return the positions (longitude, latitude) in an element ``coordinates``."""
     found = []
     for text in (coordinates.text or "").split():
         parts = text.split(",")
@@ -314,8 +336,6 @@ def _ring(coordinates: Any, where: str) -> list[tuple[float, float]]:
             raise FireModelError(
                 f"{where}: {text[:40]!r} is not lon,lat; export it again"
             ) from None
-    if len(found) < 3:
-        raise FireModelError(f"{where} has an outline of {len(found)} points; draw it again")
     return found
 
 

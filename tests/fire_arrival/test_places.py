@@ -141,3 +141,20 @@ def test_coordinates_that_cannot_be_projected_are_off_the_landscape(
 def test_a_name_has_only_printable_characters(tmp_path: Path, name: str, shown: str) -> None:
     path = written(tmp_path / "values.geojson", (name, "Point", (10, 5)))
     assert [each.name for each in values_in(path, LAND, 10.0)] == [shown]
+
+
+def test_points_and_lines_of_kml_are_values(tmp_path: Path) -> None:
+    (south, west), (north, east) = place_of(30, 10), place_of(10, 40)
+    path = tmp_path / "houses.kml"
+    path.write_text(
+        '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
+        "<Placemark><name>Mill</name><Point><coordinates>"
+        f"{west},{south},12</coordinates></Point></Placemark>"
+        "<Placemark><name>Road</name><LineString><coordinates>"
+        f"{west},{south} {east},{north}</coordinates></LineString></Placemark>"
+        "</Document></kml>"
+    )
+    mill, road = values_in(path, LAND, 0.0)
+    assert (mill.name, road.name) == ("Mill", "Road")
+    assert 30 * SHAPE[1] + 10 in mill.cells
+    assert len(mill.cells) <= 4 < len(road.cells)
