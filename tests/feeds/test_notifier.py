@@ -146,7 +146,7 @@ def test_a_silent_server_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextmanager
 def endless_server() -> Iterator[int]:
-    """Yield the port of a server that answers a line a second and never ends its answer."""
+    """Yield the port of a server that never ends its answer."""
     ended = threading.Event()
 
     def answer(peer: socket.socket) -> None:
@@ -154,7 +154,7 @@ def endless_server() -> Iterator[int]:
             peer.recv(65536)
             peer.sendall(b"HTTP/1.1 200 OK\r\n")
             while not ended.wait(0.2):
-                peer.sendall(b"x-a: b\r\n")
+                peer.sendall(b"x")
 
     def accept(server: socket.socket) -> None:
         with suppress(OSError):
@@ -187,7 +187,7 @@ def test_a_server_that_never_ends_its_answer_does_not_delay_the_end_of_the_proce
             [sys.executable, "-c", code.replace("{url}", f"json://127.0.0.1:{port}")],
             capture_output=True,
             text=True,
-            timeout=PATIENCE_S,
+            timeout=30.0,
         )
     assert ran.stdout == "no answer within 0 s\n"
 

@@ -94,7 +94,10 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
             raise MissionServiceError(str(error)) from None
         hide(url)
     logging.getLogger("apprise").propagate = False  # the reasons are in the results
-    service = apprise.Apprise()
+    # Without a timeout of its own, Apprise sends in the calling thread; its pool of threads would
+    # delay the end of the process, and servers without an answer would block all receivers.
+    asset = apprise.AppriseAsset(async_mode=False, service_timeout=0)
+    service = apprise.Apprise(asset=asset)
     if not service.add(url):
         raise MissionServiceError(
             f"{what}: is not an address that Apprise supports; examples: "
