@@ -167,7 +167,7 @@ class Acknowledge(Request, frozen=True):
     example: ClassVar = {"alarm": "link/hawk"}
 
     alarm: Annotated[
-        str, Meta(max_length=200, pattern=NAME, description="The key of an active alarm.")
+        str, Meta(max_length=300, pattern=NAME, description="The key of an active alarm.")
     ]
 
 

@@ -19,6 +19,7 @@ from mission_service.requests import (
     OF_EVERY_RUN,
     OF_VEHICLES,
     Abort,
+    Acknowledge,
     Name,
     Replay,
     Request,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from mission_service.config.scenario import Scenario
 
 ELSEWHERE = "mqtt"  # as in "mqtt:west": MQTT users have no station and never count as present
+MAX_KEYS_SHOWN = 5  # of active alarms, in the answer to an unknown key
 STATUS = "status"  # a query for the state, without an event
 ABORT, REPLAY = name_of(Abort), name_of(Replay)
 
@@ -58,6 +60,7 @@ class RequestScope:
         on_map: Returns whether a position (latitude, longitude, in degrees) is on the landscape.
         vehicles: The names of the vehicles; None: any.
         accepted: The names of the requests.
+        alarms: Returns the keys of the active alarms; None: any key is accepted.
     """
 
     stations: Collection[str] = ()
@@ -65,6 +68,7 @@ class RequestScope:
     on_map: Callable[[float, float], bool] = lambda lat_deg, lon_deg: True
     vehicles: Collection[str] | None = None
     accepted: Collection[str] = tuple(REQUESTS)
+    alarms: Callable[[], Collection[str]] | None = None
 
 
 ANYWHERE = RequestScope()
@@ -122,7 +126,7 @@ def event_of(
 
 
 def _check_names(request: Request, scope: RequestScope) -> None:
-    """Raise RequestError for a station, item or vehicle that is not in the run's scope."""
+    """Raise RequestError for a station, item, vehicle or alarm that is not in the run's scope."""
     stations, items, vehicles = scope.stations, scope.items, scope.vehicles
     if stations and request.station not in stations and request.station.split(":")[0] != ELSEWHERE:
         names = ", ".join(sorted(stations))
@@ -137,6 +141,13 @@ def _check_names(request: Request, scope: RequestScope) -> None:
     if vehicle and vehicles is not None and vehicle not in vehicles:
         listed = f"{', '.join(vehicles)}{did_you_mean(vehicle, vehicles)}"
         raise RequestError(f"no vehicle {_cut(vehicle)}; the run has {listed}")
+    if isinstance(request, Acknowledge) and scope.alarms is not None:
+        active = scope.alarms()
+        if request.alarm not in active:
+            keys = ", ".join(sorted(active)[:MAX_KEYS_SHOWN]) or "none"
+            raise RequestError(
+                f"acknowledge: no alarm {_cut(request.alarm)} is active; active: {keys}"
+            )
 
 
 def _kind(do: Any, accepted: Collection[str]) -> type[Request]:

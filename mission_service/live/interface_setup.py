@@ -104,7 +104,10 @@ def request_handler_of(
         return service.estimate.fire.burned_ha
 
     names = tuple(section.name for section in scenario.flown)
-    scope = RequestScope(stations, items, on_map, names, accepted_in(scenario))
+    view = service.state_view
+    scope = RequestScope(
+        stations, items, on_map, names, accepted_in(scenario), lambda: view.alarms.keys()
+    )
     area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
     return RequestHandler(submit, status, lambda: clock.now_us, scope, area, outcome)
 

@@ -52,6 +52,7 @@ from mission_service.events import (
 from mission_service.interfaces.control import control_server as control
 from mission_service.interfaces.control.control_client import NAME, ControlClient
 from mission_service.interfaces.control.control_server import claimed, serve_control
+from mission_service.interfaces.cot.received_events import MAX_TEXT
 from mission_service.runtime.request_handler import RequestHandler
 from tests.patience import PATIENCE_S, until
 
@@ -270,6 +271,20 @@ def test_places_off_the_map_and_impossible_lines_are_not_submitted() -> None:
     ):
         with pytest.raises(RequestError, match="km exceeds"):
             event_of({**request, **OPERATOR_FIELDS}, AT_US, SCOPE)
+
+
+def test_only_an_active_alarm_is_acknowledged() -> None:
+    scope = RequestScope(STATIONS, ITEMS, alarms=lambda: {"link/hawk"})
+    request = {"do": "acknowledge", "alarm": "link/hawk", **OPERATOR_FIELDS}
+    assert event_of(request, AT_US, scope) == AlarmAcknowledged(*EVENT, "link/hawk")
+    with pytest.raises(RequestError, match="no alarm 'link' is active; active: link/hawk"):
+        event_of({**request, "alarm": "link"}, AT_US, scope)
+
+
+def test_the_alarm_of_a_person_with_the_longest_identifier_can_be_acknowledged() -> None:
+    key = f"fire_arrival/person/{'x' * MAX_TEXT}"
+    request = {"do": "acknowledge", "alarm": key, **OPERATOR_FIELDS}
+    assert event_of(request, AT_US, SCOPE) == AlarmAcknowledged(*EVENT, key)
 
 
 @pytest.mark.parametrize(
