@@ -139,6 +139,11 @@ def products(
             f"{source}: contains no {journal.name}; give the folder or the journal of run, demo, "
             "sim or replay"
         )
+    if out.resolve() == journal.parent.resolve():
+        raise RequestError(
+            f"{out}: is the folder of the run, and its map.png would be replaced; choose another "
+            "--out"
+        )
     with results_in(out, "repeat the command") as made:
         incident = incident_in(journal, at_s, 3600.0 * forecast_h, time_zero)
         files = write_products(made, incident)

@@ -53,12 +53,15 @@ def person_places(people: Iterable[Person], landscape: Landscape, distance_m: fl
     return found
 
 
-def values_in(path: Path, landscape: Landscape, distance_m: float) -> list[Place]:
+def values_in(
+    path: Path, landscape: Landscape, distance_m: float, group: str | None = None
+) -> list[Place]:
     """Return the places within ``distance_m`` of the points, lines and areas in a file.
 
-    The file is a GeoJSON, KML, KMZ or zipped Shapefile (polygons only); the attribute ``name`` is
-    the name of a feature. Features off the landscape are omitted. Raises ScenarioError with the
-    file and the reason if the file cannot be read, or has no feature on the landscape.
+    ``group`` is the second part of their keys (default: the name of the file). The file is a
+    GeoJSON, KML, KMZ or zipped Shapefile (polygons only); the attribute ``name`` is the name of a
+    feature. Features off the landscape are omitted. Raises ScenarioError with the file and the
+    reason if the file cannot be read, or has no feature on the landscape.
     """
     try:
         features = features_in(path.read_bytes(), str(path))
@@ -74,7 +77,7 @@ def values_in(path: Path, landscape: Landscape, distance_m: float) -> list[Place
             name = "".join(each if each.isprintable() else " " for each in name)
             name = " ".join(name.split())[:MAX_NAME] or f"{path.stem} {number}"
             point = drawn.shape.representative_point()
-            key = f"value/{path.stem}/{number}"
+            key = f"value/{group or path.stem}/{number}"
             found.append(Place(key, name, "value", point.y, point.x, None, cells))
     if not found:
         raise ScenarioError(

@@ -28,8 +28,13 @@ REAL_TIME_SHARE = 0.2  # difference of the rates of the clocks up to which they 
 
 def values_of(section: FireArrivalSection, landscape: Landscape) -> list[Place]:
     """Return the values at risk in the files of a section. Raises ScenarioError."""
-    files = section.values
-    return [each for path in files for each in values_in(path, landscape, section.distance_m)]
+    found: list[Place] = []
+    stems = [path.stem for path in section.values]
+    for number, path in enumerate(section.values, start=1):
+        # Keys are unique: files of equal names in different folders are numbered.
+        group = path.stem if stems.count(path.stem) == 1 else f"{path.stem}-{number}"
+        found += values_in(path, landscape, section.distance_m, group)
+    return found
 
 
 async def watch_fire_arrival(

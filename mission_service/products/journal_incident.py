@@ -23,6 +23,7 @@ from mission_service.runtime.run_statistics import RunStatistics
 # The ensemble of the forecast starts from the estimate one to two hours before the products,
 # because images of more hours take too long to process.
 ENSEMBLE_EVERY_S = 3600.0
+EARLIEST_YEAR, LATEST_YEAR = 1900, 2999  # of mission time 0
 
 
 def incident_in(
@@ -38,7 +39,8 @@ def incident_in(
 
     Raises:
         JournalError: The journal cannot be read, or its landscape is not available.
-        RequestError: The calendar time is unknown, or ``at_s`` is outside the journal.
+        RequestError: The calendar time is unknown or out of range, or ``at_s`` is outside the
+            journal.
     """
     recorded = JournalReader(path)
     zero = time_zero or recorded.scenario.time_zero
@@ -46,6 +48,11 @@ def incident_in(
         raise RequestError(
             f"{path}: the scenario has no time_zero, and maps, perimeters and KMZ need calendar "
             "times; give --time-zero, the time of mission time 0, such as 2026-08-01T14:00-06:00"
+        )
+    if not EARLIEST_YEAR <= zero.year <= LATEST_YEAR:
+        raise RequestError(
+            f"{path}: time zero {zero.isoformat()} is not a year from {EARLIEST_YEAR} to "
+            f"{LATEST_YEAR}"
         )
     return _Replay(recorded).incident(at_s, forecast_s, zero)
 

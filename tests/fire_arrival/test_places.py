@@ -10,9 +10,11 @@ import pytest
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
+from mission_service.config.service_section import FireArrivalSection
 from mission_service.errors import ScenarioError
 from mission_service.fire_arrival.people import MAX_PEOPLE, MAX_POSITION_AGE_S, People, Person
 from mission_service.fire_arrival.places import person_places, values_in
+from mission_service.live.fire_arrival_watch import values_of
 
 LAND = flat_landscape(60, 80, 30.0, 37.0, -120.0)
 SHAPE = LAND.shape
@@ -158,3 +160,17 @@ def test_points_and_lines_of_kml_are_values(tmp_path: Path) -> None:
     assert (mill.name, road.name) == ("Mill", "Road")
     assert 30 * SHAPE[1] + 10 in mill.cells
     assert len(mill.cells) <= 4 < len(road.cells)
+
+
+def test_files_of_equal_names_have_different_keys(tmp_path: Path) -> None:
+    paths = []
+    for folder, name in (("east", "Mill"), ("west", "Farm")):
+        (tmp_path / folder).mkdir()
+        paths.append(written(tmp_path / folder / "houses.geojson", (name, "Point", (10, 5))))
+    roads = written(tmp_path / "roads.geojson", ("Main Street", "LineString", [(10, 5), (10, 40)]))
+    values = values_of(FireArrivalSection(values=(*paths, roads)), LAND)
+    assert [each.key for each in values] == [
+        "value/houses-1/1",
+        "value/houses-2/1",
+        "value/roads/1",
+    ]

@@ -295,3 +295,21 @@ def test_a_folder_without_a_journal_is_refused(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 1
     assert "contains no journal.jsonl" in done.output
+
+
+def test_the_folder_of_the_run_is_refused(run: Path) -> None:
+    before = {path.name for path in run.iterdir()}
+    arguments = ["products", str(run), "--out", str(run / "." / ".." / run.name)]
+    done = CliRunner().invoke(main, [*arguments, "--time-zero", ZERO, "--forecast", "0"])
+    assert done.exit_code == 1
+    assert "is the folder of the run" in done.output
+    assert {path.name for path in run.iterdir()} == before
+
+
+@pytest.mark.parametrize("zero", ["0001-01-01T00:00+14:00", "9999-12-31T23:59-04:00"])
+def test_years_that_no_fire_has_are_refused(run: Path, tmp_path: Path, zero: str) -> None:
+    arguments = ["products", str(run), "--out", str(tmp_path / "out"), "--time-zero", zero]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 1
+    assert done.output.splitlines()[-1].endswith("is not a year from 1900 to 2999")
+    assert not (tmp_path / "out").exists()
