@@ -177,10 +177,10 @@ def test_a_server_that_never_ends_its_answer_does_not_delay_the_end_of_the_proce
         "import asyncio\n"
         "from mission_service.config.service_section import AlarmReceiverSection\n"
         "from mission_service.interfaces.notifications import notifier\n"
-        "from mission_service.interfaces.notifications.alarm_dispatch import Message\n"
+        "from mission_service.interfaces.notifications.alarm_dispatch import AlarmMessage\n"
         "notifier.ANSWER_S = 0.2\n"
         "deliver = notifier.apprise_delivery(AlarmReceiverSection(name='slow', url='{url}'))\n"
-        "print(asyncio.run(deliver(Message('title', 'body', (), ()))))\n"
+        "print(asyncio.run(deliver(AlarmMessage('title', 'body', (), ()))))\n"
     )
     with endless_server() as port:
         ran = subprocess.run(
@@ -195,7 +195,7 @@ def test_a_server_that_never_ends_its_answer_does_not_delay_the_end_of_the_proce
 def test_deliveries_without_an_end_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mission_service.interfaces.notifications.notifier.ANSWER_S", 0.05)
     monkeypatch.setattr("mission_service.interfaces.notifications.notifier.MAX_UNFINISHED", 2)
-    message = alarm_dispatch.Message("title", "body", (), ())
+    message = alarm_dispatch.AlarmMessage("title", "body", (), ())
 
     async def look(url: str) -> list[str]:
         deliver = apprise_delivery(AlarmReceiverSection(name="slow", url=url))
