@@ -149,7 +149,15 @@ def sim(scenario: str, out: Path | None, overrides: tuple[str, ...], as_json: bo
     made = output_folder(out)
     with SimProgress(loaded.name, loaded.duration_s, as_json) as progress:
         record, fire = simulate(loaded, made / "journal.jsonl", created, progress)
-    _finish(write_outputs(made, loaded, record, fire), out, as_json)
+    summary = write_outputs(made, loaded, record, fire)
+    _finish(summary, out, as_json)
+    flown = {each["name"] for each in summary["vehicles"] if each["in_air_s"] > 0.0}
+    for number, section in enumerate(loaded.vehicles):
+        if not section.autostart and section.name not in flown:
+            echo_warning(
+                f"{section.name} waited for the order takeoff; in a simulation it takes off by "
+                f"itself with --set vehicles.{number}.autostart=true"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

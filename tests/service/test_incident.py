@@ -4,9 +4,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import rasterio
 from click.testing import CliRunner, Result
 
+from firemodel.physics.fuels import NON_BURNABLE
 from mission_service.cli.incident import incident_commands
 from mission_service.cli.main import main
 from mission_service.config.scenario import load_scenario
@@ -65,6 +68,40 @@ def test_rasters_and_a_weather_file_make_a_scenario_of_a_real_fire(tmp_path: Pat
     loaded = load_scenario(str(path))
     assert loaded.simulation.fire is None
     assert landscape_of(loaded).shape == LAND.shape
+
+
+def test_rasters_with_cells_without_data_and_a_slope_of_unknown_unit(tmp_path: Path) -> None:
+    """A usual crop of LANDFIRE, which also has a calendar time for the products."""
+    site = write_site(tmp_path)
+    with rasterio.open(site / "fuel.tif") as source:
+        profile, codes = source.profile, source.read(1)
+    codes[0, :3] = 32767
+    with rasterio.open(site / "crop.tif", "w", **{**profile, "nodata": 32767}) as target:
+        target.write(codes, 1)
+    for name, value in (("slope", 12.0), ("aspect", 90.0)):
+        kind = {**profile, "dtype": "float32"}
+        with rasterio.open(site / f"{name}.tif", "w", **kind) as target:
+            target.write(np.full((1, *codes.shape), value, dtype=np.float32))
+    lon, lat = at(*LIT)
+    layers = ("fuel=crop.tif", "elevation=dem.tif", "slope=slope.tif", "aspect=aspect.tif")
+    options = [
+        *(each for layer in layers for each in ("--layer", layer.replace("=", f"={site}/"))),
+        *("--ignition", f"{lat},{lon}", "--vehicle", f"hawk,px4,plane,{lat},{lon}", *WIND),
+    ]
+    path = tmp_path / "crop.toml"
+    refused = new(path, *options)
+    assert refused.exit_code == 1
+    assert "unit of slope" in refused.output
+    options += ["--unit", "slope=percent", "--missing", "unburnable"]
+    options += ["--time-zero", "2026-08-01T14:00-07:00"]
+    result = new(path, *options)
+    assert result.exit_code == 0, result.output
+    assert f"mission-service sim {path} --set vehicles.0.autostart=true" in result.output
+    loaded = load_scenario(str(path))
+    assert loaded.time_zero is not None
+    assert loaded.time_zero.isoformat() == "2026-08-01T14:00:00-07:00"
+    landscape = landscape_of(loaded)
+    assert set(landscape.fuel_model[0, :3].tolist()) <= set(NON_BURNABLE)
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,13 @@ def _layer(text: str) -> tuple[str, Path]:
     return name, Path(path)
 
 
+def _unit(text: str) -> tuple[str, str]:
+    name, _, unit = text.partition("=")
+    if not unit:
+        raise click.BadParameter(f"{text}: write it as NAME=UNIT, as in slope=percent")
+    return name, unit
+
+
 @click.group()
 def incident() -> None:
     """Prepare an incident."""
@@ -72,6 +79,17 @@ def incident() -> None:
     help="A raster of the landscape: fuel, elevation, slope, aspect, canopy_cover ...",
 )  # fmt: skip
 @click.option(
+    "--unit",
+    "units",
+    type=_unit,
+    multiple=True,
+    metavar="NAME=UNIT",
+    help="Unit of a raster that states none, such as slope=percent.",
+)
+@click.option(
+    "--missing", type=click.Choice(["unburnable"]), help="The fuel of cells without data."
+)
+@click.option(
     "--wind", type=WIND, metavar="SPEED,FROM", help="Wind: m/s, and degrees from which it blows."
 )
 @click.option("--weather", type=FILE, help="A weather file (.raws, .wxs, .wtr, .csv).")
@@ -88,6 +106,11 @@ def incident() -> None:
     "--vehicle", "aircraft", type=aircraft_of, multiple=True, metavar="NAME,STACK,KIND,LAT,LON",
     help="An aircraft and its home.",
 )  # fmt: skip
+@click.option(
+    "--time-zero",
+    type=click.DateTime(["%Y-%m-%dT%H:%M%z", "%Y-%m-%dT%H:%M:%S%z"]),
+    help="Calendar time of mission time 0 with its UTC offset, for products.",
+)
 @click.option("--hours", type=click.FloatRange(0.1, 2000), default=6.0, show_default=True)
 @click.option(
     "--real", is_flag=True, help="A real fire (default: cameras observe a simulated fire)."
@@ -119,7 +142,14 @@ def new(file: Path, as_json: bool, **given: Any) -> None:
     if as_json:
         echo({"file": str(file), **summary}, as_json)
     else:
-        click.echo(f"{file}: checked. Next: mission-service run {file} --out out/live")
+        click.echo(f"{file}: checked. Next: {_next_command(file, given['real'])}")
+
+
+def _next_command(file: Path, is_real: bool) -> str:
+    """Return the command to try next; in a simulation the aircraft take off without an order."""
+    if is_real:
+        return f"mission-service run {file} --out out/live"
+    return f"mission-service sim {file} --set vehicles.0.autostart=true"
 
 
 def _of_file(error: Exception, made: Path, file: Path) -> Exception:
@@ -168,6 +198,8 @@ def _incident(file: Path, given: dict[str, Any]) -> Any:
         given["fuel_model"],
         relative(given["landscape"]),
         layers,
+        dict(given["units"]),
+        given["missing"],
         wind,
         relative(given["weather"]),
         given["start"],
@@ -176,6 +208,7 @@ def _incident(file: Path, given: dict[str, Any]) -> Any:
         relative(given["perimeter"]),
         aircraft,
         not given["real"],
+        given["time_zero"],
     )
 
 

@@ -37,6 +37,8 @@ class NewIncident:
     fuel_model: int
     landscape: str | None
     layers: dict[str, str]
+    units: dict[str, str]  # by the name of the raster
+    missing: str | None  # fuel of cells without data
     wind: tuple[float, float] | None
     weather: str | None
     start: datetime | None  # mission time 0, in the local time of the weather file
@@ -45,6 +47,7 @@ class NewIncident:
     perimeter: str | None
     aircraft: tuple[NewVehicle, ...]
     is_simulated: bool
+    time_zero: datetime | None  # calendar time of mission time 0, with its UTC offset
 
 
 def grid_of(box: Box) -> tuple[int, int]:
@@ -70,8 +73,10 @@ def grid_of(box: Box) -> tuple[int, int]:
 
 def scenario_text(incident: NewIncident) -> str:
     """Return the content of the scenario file (TOML)."""
+    run = {"name": incident.name, "seed": 1, "duration_s": round(3600 * incident.hours)}
+    zero = {} if incident.time_zero is None else {"time_zero": incident.time_zero}
     parts = [
-        _table("", {"name": incident.name, "seed": 1, "duration_s": round(3600 * incident.hours)}),
+        _table("", {**run, **zero}),
         _table("landscape", _landscape(incident)),
         _table("fire", {"perimeter": incident.perimeter} if incident.perimeter else {}),
     ]
@@ -90,7 +95,9 @@ def scenario_text(incident: NewIncident) -> str:
 def _landscape(incident: NewIncident) -> dict[str, object]:
     if incident.box is None:
         found: dict[str, object] = {"source": "files"}
-        return found | ({"file": incident.landscape} if incident.landscape else incident.layers)
+        found |= {"file": incident.landscape} if incident.landscape else incident.layers
+        found |= {"missing": incident.missing} if incident.missing else {}
+        return found | {f"units.{name}": unit for name, unit in incident.units.items()}
     west, south, east, north = incident.box
     rows, cols = grid_of(incident.box)
     return {
