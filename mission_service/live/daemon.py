@@ -102,6 +102,7 @@ async def serve(
     give_back_freed()
     scenario = run.scenario
     sharing(scenario.flown)  # checked before a link is opened
+    refuse_links(run.out)
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     latest_us = round(scenario.duration_s * 1e6)
     landscape = landscape_of(scenario)
@@ -248,7 +249,6 @@ async def _engine_of(
 ) -> Engine:
     """Return the engine of a new or resumed run; ``stack`` closes the journal."""
     references = Known(run.scenario, landscape)
-    refuse_links(run.out)
     interrupted = None
     if run.resume:
         interrupted = unfinished(run.journal_path, references, run.scenario, run.skip_unreadable)

@@ -1,6 +1,5 @@
 """Journals of real ``run`` processes: refused requests, earlier runs, permissions, symlinks."""
 
-import json
 import os
 import resource
 import signal
@@ -156,7 +155,7 @@ def test_a_symlink_in_the_place_of_the_journal_is_refused(tmp_path: Path) -> Non
         assert f"{out / name}: is a symbolic link" in found.stderr
         assert target.read_text(encoding="utf-8") == "precious\n"
         (out / name).unlink()
-    assert json.dumps([each.name for each in out.iterdir()]) == '["token"]'
+    assert list(out.iterdir()) == []
 
 
 def test_readyz_is_not_ok_while_the_disk_is_full(tmp_path: Path) -> None:

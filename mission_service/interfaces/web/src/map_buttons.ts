@@ -14,6 +14,7 @@ export class MapButtons implements IControl {
   private element: HTMLElement;
   private map: MapView | null = null;
   private isFollowing = false;
+  private isHeld = false; // a pointer is down on the map: setting the centre would end a gesture before it moves the map
 
   constructor(private readonly store: Store, settings: () => void) {
     const open = h("button", {
@@ -27,6 +28,8 @@ export class MapButtons implements IControl {
   onAdd(map: MapView): HTMLElement {
     this.map = map;
     map.on("dragstart", () => this.set(false)); // the user moves the map
+    map.getCanvasContainer().addEventListener("pointerdown", () => (this.isHeld = true));
+    for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, () => (this.isHeld = false));
     return this.element;
   }
 
@@ -47,6 +50,6 @@ export class MapButtons implements IControl {
 
   private centre(): void {
     const fix = this.store.telemetry.get(this.store.chosen);
-    if (this.isFollowing && fix) this.map?.setCenter([fix.lon_deg, fix.lat_deg]);
+    if (this.isFollowing && !this.isHeld && fix) this.map?.setCenter([fix.lon_deg, fix.lat_deg]);
   }
 }
