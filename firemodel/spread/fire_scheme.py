@@ -221,8 +221,7 @@ class Fire(NotebookObject, ABC):
         the fire has not been advanced to ``time_s`` yet.
         """
         self._check_past(time_s)
-        found = front_polygons(self._expected_s(), time_s, self.landscape)
-        return with_start(found, self.start_area, time_s)
+        return burned_area(self._expected_s(), self.landscape, time_s, self.start_area)
 
     def arrival_vectors(self) -> Floats:
         """Return the last straight path to each cell as a vector (2, y, x) in m north and east.
@@ -248,11 +247,23 @@ class Fire(NotebookObject, ABC):
             )
 
 
-def with_start(area: Any, start: StartArea | None, time_s: float) -> Any:
-    """Unite a burned area with the area of an initial fire, from the time of that fire on."""
-    if start is None or time_s < start.at_s:
+def burned_area(
+    arrival_s: Floats, landscape: Landscape, at_s: float, start_area: StartArea | None = None
+) -> Any:
+    """Return the area burned at a time as a shapely MultiPolygon in the landscape's CRS.
+
+    Args:
+        arrival_s: The arrival times (y, x), infinite where fire never arrives; times after
+            ``at_s`` are used to interpolate the front between two cells.
+        landscape: The grid of ``arrival_s``.
+        at_s: Mission time.
+        start_area: The area that had burned when the fire began (``Fire.start_area``), which
+            belongs to the result from the time of that fire on.
+    """
+    area = front_polygons(arrival_s, at_s, landscape)
+    if start_area is None or at_s < start_area.at_s:
         return area
-    return multipolygon(area.union(start.area))
+    return multipolygon(area.union(start_area.area))
 
 
 def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s: float) -> None:

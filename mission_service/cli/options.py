@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -205,3 +206,20 @@ def report_address(out: Path, address: str) -> None:
 def progress_line(text: str) -> None:
     """Print a line of progress to stderr."""
     click.echo(text, err=True)
+
+
+def aware_time(
+    context: click.Context, parameter: click.Parameter, value: str | None
+) -> datetime | None:
+    """Return a time in ISO 8601 with a UTC offset; raise BadParameter for any other value."""
+    if value is None:
+        return None
+    try:
+        found = datetime.fromisoformat(value)
+    except ValueError:
+        found = None
+    if found is None or found.tzinfo is None:
+        raise click.BadParameter(
+            f"{value!r}: give a date, a time and a UTC offset, such as 2026-08-01T14:00-06:00"
+        )
+    return found

@@ -14,6 +14,7 @@ from mission_service.cli.options import (
     OUT_FOLDER,
     OUT_REQUIRED,
     OVERRIDE,
+    aware_time,
     seconds_option,
 )
 from mission_service.cli.output_folder import output_folder, results_in
@@ -78,23 +79,6 @@ def report(
         click.echo(f"{', '.join(files)} in {out}/")
 
 
-def _aware_time(
-    context: click.Context, parameter: click.Parameter, value: str | None
-) -> datetime | None:
-    """Return a time in ISO 8601 with a UTC offset; raise BadParameter for any other value."""
-    if value is None:
-        return None
-    try:
-        found = datetime.fromisoformat(value)
-    except ValueError:
-        found = None
-    if found is None or found.tzinfo is None:
-        raise click.BadParameter(
-            f"{value!r}: give a date, a time and a UTC offset, such as 2026-08-01T14:00-06:00"
-        )
-    return found
-
-
 @click.command()
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
 @OUT_FOLDER
@@ -110,7 +94,7 @@ def _aware_time(
 )
 @click.option(
     "--time-zero",
-    callback=_aware_time,
+    callback=aware_time,
     metavar="TIME",
     help="Calendar time of mission time 0, with UTC offset (default: time_zero of the scenario).",
 )

@@ -118,16 +118,9 @@ class Forecasts:
         now_s = self._estimate_of().fire.time_s
         _check(now_s + for_s, now_s)
         forecast, arrival = await self._fresh(now_s + for_s)
-        past_s = np.array([arrival.arrival_s.flat[cells].min() for cells in places])
         until_s = min(now_s + for_s, arrival.until_s)
-        if forecast is None:
-            ahead_s = np.full((len(shares), len(places)), np.inf)
-        else:
-            steps = (forecast.at_s + each for each in ARRIVAL_STEPS_S)
-            times_s = [each for each in steps if each <= until_s]
-            work = partial(_quantiles_s, forecast, places, shares, times_s)
-            ahead_s = await self._in_thread(work)
-        return until_s, np.where(past_s <= arrival.at_s, past_s, ahead_s)
+        work = partial(_quantiles_s, arrival, forecast, places, shares, until_s)
+        return until_s, await self._in_thread(work)
 
     def close(self) -> None:
         """Cancel running computations."""
@@ -234,9 +227,21 @@ def _forecast(estimate: FireEstimate, now_s: float, until_s: float) -> Forecast 
 
 
 def _quantiles_s(
-    forecast: Forecast, places: Sequence[Cells], shares: Sequence[float], times_s: Sequence[float]
+    arrival: Arrival,
+    forecast: Forecast | None,
+    places: Sequence[Cells],
+    shares: Sequence[float],
+    until_s: float,
 ) -> Floats:
-    return forecast.at_places(places).arrival_quantiles_s(shares, times_s)[:, 0]
+    """Return the times (k, n) at which the fire reaches places (``arrival_quantiles_s``)."""
+    past_s = np.array([arrival.arrival_s.flat[cells].min() for cells in places])
+    if forecast is None:
+        ahead_s = np.full((len(shares), len(places)), np.inf)
+    else:
+        steps = (forecast.at_s + each for each in ARRIVAL_STEPS_S)
+        times_s = [each for each in steps if each <= until_s]
+        ahead_s = forecast.at_places(places).arrival_quantiles_s(shares, times_s)[:, 0]
+    return np.where(past_s <= arrival.at_s, past_s, ahead_s)
 
 
 def _joined(arrival_s: Floats, forecast: Forecast, now_s: float) -> Floats:

@@ -14,7 +14,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.time_zone import time_zone_of
 from firemodel.outputs.event_polygon import M2_PER_ACRE, geodesic_acres
 from firemodel.outputs.front_files import area_geometry
-from firemodel.spread.fire_scheme import Fire, StartArea, with_start
+from firemodel.spread.fire_scheme import Fire, burned_area
 from firemodel.spread.front import front_polygons
 from mission_service.fire.forecast import Arrival
 from mission_service.products.heat import Heat
@@ -130,10 +130,3 @@ class Incident:
 def hectares(acres: float) -> float:
     """Convert acres to hectares."""
     return acres * M2_PER_ACRE / 1e4
-
-
-def burned_area(
-    arrival_s: Floats, landscape: Landscape, at_s: float, start_area: StartArea | None
-) -> Any:
-    """Return the area burned at a time as a shapely MultiPolygon in the landscape's CRS."""
-    return with_start(front_polygons(arrival_s, at_s, landscape), start_area, at_s)

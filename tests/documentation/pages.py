@@ -1,4 +1,4 @@
-"""Reads the blocks of code of a page, and runs a tutorial as its text says."""
+"""Reads the blocks of code of a page, and runs the commands of a tutorial."""
 
 import os
 import re

@@ -23,6 +23,7 @@ from mission_service.interfaces.cot.cot_events import MAX_CORNERS, fire_events, 
 from mission_service.interfaces.cot.cot_sender import cot_interface
 from mission_service.runtime.published_states import TelemetryState
 from mission_service.runtime.run_context import RunContext
+from tests.feeds.background import in_background
 from tests.mqtt.certificates import make_certificates
 from tests.mqtt.stage import context_of, fix
 from tests.patience import PATIENCE_S, until
@@ -86,13 +87,8 @@ def test_the_fire_is_closed_shapes_the_largest_first_with_corners_enough_for_a_d
 async def sending(url: str, **more: Any) -> AsyncIterator[RunContext]:
     context = context_of(MqttSection(), lambda request: {})
     run_interface = cot_interface(CotSection(url=url, every_s=0.1, **more), "Fire & more")
-    task = asyncio.create_task(run_interface(context))
-    try:
+    async with in_background(run_interface(context)):
         yield context
-        assert not task.done(), task
-    finally:
-        task.cancel()
-        await asyncio.wait([task])
 
 
 def test_events_are_sent_by_udp_and_only_for_vehicles_with_a_new_position() -> None:

@@ -29,6 +29,7 @@ from mission_service.runtime.observation_sources import (
     report_digest,
 )
 from tests.api.worlds import World, world_in
+from tests.feeds.background import in_background
 from tests.feeds.tak_events import HOPE, event_text, marker, shape, user
 from tests.patience import until
 
@@ -78,13 +79,9 @@ class TakServer:
 @asynccontextmanager
 async def running(world: World, url: str, settings: CotSection = SETTINGS) -> AsyncIterator[None]:
     settings = settings.model_copy(update={"url": url})
-    task = asyncio.create_task(cot_interface(settings, world.context.scenario.name)(world.context))
-    try:
+    run_interface = cot_interface(settings, world.context.scenario.name)
+    async with in_background(run_interface(world.context)):
         yield
-        assert not task.done(), task
-    finally:
-        task.cancel()
-        await asyncio.wait([task])
 
 
 @asynccontextmanager

@@ -27,6 +27,7 @@ from mission_service.errors import MissionServiceError
 from mission_service.interfaces.notifications import alarm_dispatch
 from mission_service.interfaces.notifications.notifier import alarm_notifier, apprise_delivery
 from mission_service.runtime.run_context import RunContext
+from tests.feeds.background import in_background
 from tests.mqtt.stage import context_of
 from tests.patience import PATIENCE_S, until
 
@@ -74,13 +75,8 @@ def web_server(status: list[int]) -> Iterator[tuple[int, list[dict[str, Any]]]]:
 @asynccontextmanager
 async def notifying(*receivers: AlarmReceiverSection) -> AsyncIterator[RunContext]:
     context = context_of(MqttSection(), lambda request: {})
-    task = asyncio.create_task(alarm_notifier(receivers, "east")(context))
-    try:
+    async with in_background(alarm_notifier(receivers, "east")(context)):
         yield context
-        assert not task.done(), task
-    finally:
-        task.cancel()
-        await asyncio.wait([task])
 
 
 def test_an_alarm_arrives_by_mail() -> None:

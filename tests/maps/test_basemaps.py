@@ -43,7 +43,7 @@ BOX = (WEST, SOUTH, EAST, NORTH)
 
 
 def vector_pmtiles(path: Path, max_zoom: int = 12) -> Path:
-    """Write an archive whose tiles contain their own address instead of a map."""
+    """Write an archive of tiles that contain their own address instead of a map."""
     header = {
         "tile_type": TileType.MVT,
         "tile_compression": Compression.GZIP,

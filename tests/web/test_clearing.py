@@ -13,7 +13,6 @@ from playwright.sync_api import Browser, Page, expect
 
 from mission_service.events import LinkLost
 from tests.api.worlds import scenario_of, world_in
-from tests.web import browser as screen
 from tests.web.browser import page_of
 from tests.web.readability import assert_readable
 from tests.web.virtual_flight import Site, site_of
@@ -27,12 +26,6 @@ ONE_FIELD = (
     *("planner.rule=circling", "vehicles.1.autostart=true"),
     *("vehicles.1.home_lat_deg=36.370784", "vehicles.1.home_lon_deg=-84.132309"),
 )
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    with screen.chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

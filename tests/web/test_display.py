@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.web import browser as screen
 from tests.web.browser import Seen, draw, page_of, place_of
 from tests.web.readability import axe_problems, small_targets, weak_borders, weak_texts
 from tests.web.service import BURN, FIRE, Service, running, wait_for
@@ -36,12 +35,6 @@ TOO_WIDE = """["top", "time", "sorties"].filter((id) => {
 MACHINE = 3.0  # test machines are busy and draw without a graphics card
 RINGS = """[...new Set(missionMap.querySourceFeatures('rings')
   .map((each) => each.properties.label).filter(Boolean))]"""
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    with screen.chromium() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

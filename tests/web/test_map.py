@@ -17,7 +17,6 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.web import browser as screen
 from tests.web.browser import Seen, draw, page_of, place_of, share_burned, share_expected
 from tests.web.readability import small_targets, weak_texts
 from tests.web.service import BURN, FIRE, FORMATION, Service, running, wait_for
@@ -30,12 +29,6 @@ DESKTOP, TABLET = ((1440, 900) if IMAGES else (960, 640)), (1180, 820)
 SPEEDUP = 10
 MEASURED = """[...new Set(missionMap.querySourceFeatures('measured')
   .map((each) => each.properties.label).filter(Boolean))]"""
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    with screen.chromium() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,6 @@ from mission_service.events import LinkLost, ModeChanged, OrderGiven
 from mission_service.relief.task_relief import TaskRole
 from tests.api.worlds import scenario_of, world_in
 from tests.service.relief_flights import relief_scenario
-from tests.web import browser as screen
 from tests.web.browser import page_of
 from tests.web.readability import assert_readable, weak_texts
 from tests.web.virtual_flight import Site, site_of
@@ -26,12 +25,6 @@ pytestmark = pytest.mark.long  # a browser that draws without a graphics card
 IMAGES = os.environ.get("MAP_PICTURES", "")
 SIZES = ((1440, 900), (768, 1024), (1024, 768), (390, 844), (844, 390))
 SMALL = ("landscape.rows=150", "landscape.cols=150", "planner.rule=circling")
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    with screen.chromium() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from mission_service.cli.incident.map_commands import bounding_box
-from mission_service.cli.options import JSON, echo, echo_warning
+from mission_service.cli.options import JSON, aware_time, echo, echo_warning
 
 Value = TypeVar("Value")
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -48,18 +48,20 @@ def aircraft_of(text: str) -> Any:
     return NewVehicle(parts[0], parts[1], parts[2], (lat_deg, lon_deg))
 
 
-def _layer(text: str) -> tuple[str, Path]:
-    name, _, path = text.partition("=")
-    if not path:
-        raise click.BadParameter(f"{text}: write it as NAME=FILE, as in fuel=fbfm40.tif")
-    return name, Path(path)
+def _named(form: str) -> Callable[[str], tuple[str, str]]:
+    """Return a function that reads NAME=VALUE; ``form`` describes it in errors."""
+
+    def read(text: str) -> tuple[str, str]:
+        name, _, value = text.partition("=")
+        if not value:
+            raise click.BadParameter(f"{text}: write it as {form}")
+        return name, value
+
+    return read
 
 
-def _unit(text: str) -> tuple[str, str]:
-    name, _, unit = text.partition("=")
-    if not unit:
-        raise click.BadParameter(f"{text}: write it as NAME=UNIT, as in slope=percent")
-    return name, unit
+LAYER = _named("NAME=FILE, as in fuel=fbfm40.tif")
+UNIT = _named("NAME=UNIT, as in slope=percent")
 
 
 @click.group()
@@ -75,13 +77,13 @@ def incident() -> None:
 @click.option("--fuel-model", type=int, default=2, show_default=True, help="Fuel of --box.")
 @click.option("--landscape", type=FILE, help="An .lcp file, or one raster file with all layers.")
 @click.option(
-    "--layer", "layers", type=_layer, multiple=True, metavar="NAME=FILE",
+    "--layer", "layers", type=LAYER, multiple=True, metavar="NAME=FILE",
     help="A raster of the landscape: fuel, elevation, slope, aspect, canopy_cover ...",
 )  # fmt: skip
 @click.option(
     "--unit",
     "units",
-    type=_unit,
+    type=UNIT,
     multiple=True,
     metavar="NAME=UNIT",
     help="Unit of a raster that states none, such as slope=percent.",
@@ -108,7 +110,8 @@ def incident() -> None:
 )  # fmt: skip
 @click.option(
     "--time-zero",
-    type=click.DateTime(["%Y-%m-%dT%H:%M%z", "%Y-%m-%dT%H:%M:%S%z"]),
+    callback=aware_time,
+    metavar="TIME",
     help="Calendar time of mission time 0 with its UTC offset, for products.",
 )
 @click.option("--hours", type=click.FloatRange(0.1, 2000), default=6.0, show_default=True)
@@ -173,7 +176,7 @@ def _incident(file: Path, given: dict[str, Any]) -> Any:
     def relative(path: Path | None) -> str | None:
         return None if path is None else Path(os.path.relpath(path, file.parent)).as_posix()
 
-    layers = {name: relative(path) or "" for name, path in given["layers"]}
+    layers = {name: relative(Path(path)) or "" for name, path in given["layers"]}
     box = given["box"]
     _refuse_several(("--box", box), ("--landscape", given["landscape"]), ("--layer", layers))
     _refuse_several(("--wind", given["wind"]), ("--weather", given["weather"]))

@@ -38,8 +38,10 @@ class EventReceiver:
         self._settings, self._own = settings, f"{site}."
         self._filter: ReportFilter | None = None
         if settings.reports is not None and context.scenario.burn_flown is None:
-            has_report = context.state_view.statistics.sources.has_report
-            self._filter = ReportFilter(settings.reports, lambda digest: has_report(digest))
+            self._filter = ReportFilter(
+                settings.reports,
+                lambda digest: context.state_view.statistics.sources.has_report(digest),
+            )
         self._events = RateLimiter(EVENTS_A_SECOND, EVENTS_AT_ONCE)
         self._lines = RateLimiter(LINES_A_SECOND, LINES_AT_ONCE)
         self._suppressed = 0

@@ -9,27 +9,12 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.event_polygon import M2_PER_ACRE
 from firemodel.outputs.front_files import area_geometry
-from firemodel.spread.fire_scheme import StartArea, with_start
+from firemodel.spread.fire_scheme import StartArea, burned_area
 from firemodel.spread.front import front_polygons
 
 LEVELS = (0.1, 0.5, 0.9)
 
 Floats = NDArray[np.float64]
-
-
-def burned_area(
-    arrival_s: Floats, landscape: Landscape, at_s: float, start_area: StartArea | None = None
-) -> Any:
-    """Return the area burned at a time as a shapely MultiPolygon in the landscape's CRS.
-
-    Args:
-        arrival_s: The arrival times (y, x), infinite where fire never arrives; times after
-            ``at_s`` are used to interpolate the front between two cells.
-        landscape: The grid of ``arrival_s``.
-        at_s: Mission time.
-        start_area: The area that had burned when the fire began (``Fire.start_area``).
-    """
-    return with_start(front_polygons(arrival_s, at_s, landscape), start_area, at_s)
 
 
 def front_geojson(

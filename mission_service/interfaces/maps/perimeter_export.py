@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.event_polygon import event_polygon, feature_category, geodesic_acres
 from firemodel.outputs.front_files import area_geometry
-from firemodel.spread.fire_scheme import StartArea
-from mission_service.interfaces.maps.fronts import burned_area
+from firemodel.spread.fire_scheme import StartArea, burned_area
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +31,7 @@ def perimeter_geojson(
     Times are in ms since 1970 UTC.
 
     Args:
-        arrival_s, landscape, at_s, start_area: As in ``fronts.burned_area``.
+        arrival_s, landscape, at_s, start_area: As in ``burned_area``.
         name: The value of IncidentName.
         written_unix_ms: The current time.
         prescribed: Whether the fire is a prescribed burn.

@@ -93,7 +93,7 @@ class AlarmDispatch:
                 self._active[key] = _Active(alarm, now_s)
                 continue
             if alarm.severity == "severe" != before.alarm.severity:
-                before.sent_s = None  # its message said that it was a warning
+                before.sent_s = None  # it was sent as a warning
             before.alarm = alarm
 
     def _is_due(self, active: _Active, now_s: float) -> bool:
