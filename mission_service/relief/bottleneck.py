@@ -63,12 +63,18 @@ def smallest_addition(watch: Watch) -> Addition | None:
 
 
 def _thinned(watch: Watch, chosen: list[_Kind]) -> list[_Kind]:
-    """Return an addition without the things that can be left out, tried in turn by kind."""
-    for kind in reversed(chosen):
-        fewer = chosen.copy()
-        fewer.remove(kind)
-        if is_kept(_with(watch, fewer)):
-            chosen = fewer
+    """Return an addition without the things that can be left out, tried in turn by kind.
+
+    The passes are repeated, because a thing may become superfluous when another is left out.
+    """
+    before: list[_Kind] = []
+    while chosen != before:
+        before = chosen
+        for kind in reversed(before):
+            fewer = chosen.copy()
+            fewer.remove(kind)
+            if is_kept(_with(watch, fewer)):
+                chosen = fewer
     return chosen
 
 
