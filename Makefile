@@ -42,8 +42,9 @@ docs: .venv/ready
 	$(BIN)/python -m docs.site.build
 
 # Many tests wait for real time, so that two cores serve more than two processes. If one of them ends,
-# xdist would wait forever for its tests.
-PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --max-worker-restart=0
+# xdist would wait forever for its tests. Failures are printed at once.
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --max-worker-restart=0 \
+  --instafail
 
 test: .venv/ready $(MAP) mosquitto chromium
 	$(MAKE) --jobs=2 --output-sync=target lint kernels

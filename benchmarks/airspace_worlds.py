@@ -10,9 +10,9 @@ resolution, lost links, failsafes, refusals, reboots, and orders of people. A co
 autopilots.
 
 The checker (``worlds/checker.py``) reads only the lines of the journal. Its code shares nothing
-with the service. With ``--faults``, faults are planted in the core, and a table shows in how many
-of the worlds the checker finds each of them. The exit code is 1 if a flight without a planted fault
-has a violation.
+with the service. With ``--faults``, faults are injected into the core, and a table shows in how
+many of the worlds the checker finds each of them. The exit code is 1 if a flight without an
+injected fault has a violation.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def violations(world: World, lines: Iterable[Line]) -> list[str]:
 
 
 def fly(seed: int, fault: str = SOUND.name) -> Result:
-    """Fly the light world of a seed, with the planted fault of that name."""
+    """Fly the light world of a seed, with the injected fault of that name."""
     began_s = time.process_time()
     planted: Fault = next((each for each in FAULTS if each.name == fault), SOUND)
     world = world_of(seed)

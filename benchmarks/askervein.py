@@ -7,12 +7,12 @@ firemodels/exp). TERRAIN is ``z_data.csv`` (public repository firemodels/fds, fo
 Validation/Askervein_Hill), which contains the hill without its surroundings, or the contour map
 ``.map`` (public repository firemodels/cad, folder Case_Studies/Askervein_Hill).
 
-The reference wind is that of the mast RS, 10 m above flat ground upwind of the hill. It blows from
-206°; its speed follows from the speeds and fractional speed-ups in the files. The roughness length
-is 0.03 m (Taylor & Teunissen 1987, Boundary-Layer Meteorology 39, 15-39). No setting of the solver
-was chosen for this hill; ``--alpha`` shows how the result depends on the ratio of the precision
-moduli, which is 1 in neutral air. The baseline is the reference wind everywhere. Speeds of line AA
-are given relative to a reference wind, those of line A in m/s.
+The reference wind is that of the mast RS, 10 m above flat ground upwind of the hill. The reference
+wind blows from 206°; its speed follows from the speeds and fractional speed-ups in the files. The
+roughness length is 0.03 m (Taylor & Teunissen 1987, Boundary-Layer Meteorology 39, 15-39). No
+setting of the solver was chosen for this hill; ``--alpha`` shows how the result depends on the
+ratio of the precision moduli, which is 1 in neutral air. The baseline is the reference wind
+everywhere. Speeds of line AA are given relative to a reference wind, those of line A in m/s.
 """
 
 import argparse

@@ -9,20 +9,20 @@ observations of one source:
 - points: a point on the front every 30 s
 
 Each source has an error of position and misses 5 % of the burned cells. The good source makes 1 %
-(camera), 0 % (points) or 1 % (raster) false alarms, the source that cries wolf 10 %: of the
-unburned cells, or, of the points, as points anywhere on the landscape. The sources state these
-shares. With the word "unstated", the source that cries wolf states the shares of the good source.
+(camera), 0 % (points) or 1 % (raster) false alarms, the noisy source 10 %. A false alarm is an
+unburned cell that is reported as burned, or a point anywhere on the landscape. Both sources state
+these shares; with the word "unstated", the noisy source states the shares of the good source.
 
 The error is the area that differs from the simulated burned area, divided by that area, at two
 times, now and 30 minutes ahead (by the model, from the estimated fire). Persistence is the area
 that the good source has shown as burned; the model alone has no observations. The gain is the error
-of the model alone minus the error with the good source. The cost is the error with the source that
-cries wolf minus the error with the good source; it should be less than a fifth of the gain.
+of the model alone minus the error with the good source. The cost is the error with the noisy source
+minus the error with the good source; it should be less than a fifth of the gain.
 
-Afterwards a camera and two good rasters observe the fire beside a source that lies: a raster that
-is always unburned, one that shows the fire 900 m to the east, random points of fire, and a camera
-with inverted images. The last lines show after how many seconds an alarm names this source (limit:
-600), and after how many seconds its observations are no longer used.
+Afterwards a faulty source observes the fire together with a good camera and two good rasters: a
+raster that is always unburned, one that shows the fire 900 m to the east, random points of fire,
+and a camera with inverted images. The last lines show after how many seconds an alarm names this
+source (limit: 600), and after how many seconds its observations are no longer used.
 """
 
 import argparse
@@ -228,7 +228,7 @@ def model_alone(world: World) -> Floats:
 
 
 def lies(world: World, rng: np.random.Generator, kind: str) -> Iterator[Event]:
-    """Yield the observations of a source that lies."""
+    """Yield the observations of a faulty source."""
     until_s = BEGIN_S + LIED_S
     if kind == "inverted camera":
         inverted = str.maketrans("bu", "ub")
@@ -250,13 +250,13 @@ def lies(world: World, rng: np.random.Generator, kind: str) -> Iterator[Event]:
 class Named(NamedTuple):
     """What the alarms have named."""
 
-    alarm_s: float  # after this time the first alarm names the lying source; infinity: never
+    alarm_s: float  # after this time the first alarm names the faulty source; infinity: never
     unused_s: float  # after this time it is not used
     others: set[str]  # other sources that were not used
 
 
 def named_with(world: World, seed: int, kind: str) -> Named:
-    """Return the alarms about a lying source beside three good sources."""
+    """Return the alarms about a faulty source beside three good sources."""
     until_s = BEGIN_S + LIED_S
     rng = [np.random.default_rng((5, seed, number)) for number in range(4)]
     events = [
@@ -281,13 +281,13 @@ def named_with(world: World, seed: int, kind: str) -> Named:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the errors of each seed, the means and the shares of the gain, and the lies."""
+    """Print the errors of each seed, the means, the shares of the gain, and the faulty sources."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("first", type=int)
     parser.add_argument("last", type=int)
     parser.add_argument("unstated", nargs="?", choices=["unstated"])
     given = parser.parse_args(arguments)
-    click.echo("seed  source  error now/+30 min: good, cries wolf, persistence, model alone")
+    click.echo("seed  source  error now/+30 min: good, noisy, persistence, model alone")
     every: dict[str, list[Floats]] = {kind: [] for kind in KINDS}
     worlds = {seed: world_of(seed) for seed in range(given.first, given.last + 1)}
     for seed, world in worlds.items():

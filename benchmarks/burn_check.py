@@ -51,7 +51,7 @@ def _of_flight(plan: LinePlan, situation: Situation, settings: BurnSection) -> I
         rate = settings.climb_m_s if up > 0 else settings.sink_m_s
         needs = level / settings.speed_m_s if abs(up) < 1e-9 else abs(up) / rate
         if abs(up) > 1e-9 and level > 1e-6:
-            yield f"leg {one} to {other} is neither level nor upright"
+            yield f"leg {one} to {other} is neither level nor vertical"
         if abs(other[3] - one[3] - needs) > 1e-6 * max(1.0, needs):
             yield f"leg {one} to {other} takes {needs} s"
         low = level > 1e-6 and one[2] < settings.safe_height_m - 1e-6

@@ -4,10 +4,11 @@
 
 Planes and copters of both stacks monitor a fire in wind, with two fields. At a random time an
 operator clears the airspace: all vehicles land, or leave a volume. One vehicle receives nothing
-from that moment on. For each run: the time until the last vehicle that receives was commanded and
-until it has acknowledged, until the alarm about the silent vehicle, the stated, first predicted and
-flown times of the last vehicle, the largest error of a first prediction, and the number of vehicles
-that were late. Limits: commanded within 2 s, alarm within 10 s, no vehicle late.
+from that moment on. The benchmark prints for each run the time until the last vehicle that receives
+was commanded and until it has acknowledged, until the alarm about the silent vehicle, the stated,
+first predicted and flown times of the last vehicle, the largest error of a first prediction, and
+the number of vehicles that were late. Limits: commanded within 2 s, alarm within 10 s, no vehicle
+late.
 
 The baseline sends the order ``land`` to each vehicle by hand, one after the other: an operator
 needs 4 s for each (select, order, read the reply).

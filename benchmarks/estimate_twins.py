@@ -37,7 +37,6 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
-from firemodel.spread.local_spread import burnable_codes
 
 CELLS, CELL_M, PATCH_CELLS = 200, 30.0, 4
 FUELS = (1, 2, 5, 8, 10)
@@ -177,7 +176,7 @@ def continued(
     ``factors`` are those of the spread rates of ``FUELS``.
     """
     ground = landscape_with(codes)
-    place = [FUELS.index(code) for code in burnable_codes(ground)]
+    place = [FUELS.index(code) for code in ground.burnable_codes]
     burning = burning_from_arrival(arrival_s, ground, at_s)
     return AnyAngleFire(ground, weather, []).restarted(burning, 1.0, 0.0, factors[place])
 

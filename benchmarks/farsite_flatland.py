@@ -261,7 +261,7 @@ def main() -> None:
                 click.echo(row("  these two", [overlap(*pair) for pair in both]), nl=False)
         for hour in (1, HOURS):
             gaps = gaps_m(answer[hour - 1], theirs[hour - 1])
-            click.echo(row(f"  short of it, m, {hour} h", gaps, 0), nl=False)
+            click.echo(row(f"  beyond FARSITE, m, {hour} h", gaps, 0), nl=False)
 
 
 if __name__ == "__main__":

@@ -270,7 +270,7 @@ def run_case(name: str, folder: Path, given: argparse.Namespace, grids: Path) ->
 
 
 def outlines(case: Case, rows: Mapping[str, Sequence[Row]]) -> tuple[str, dict[str, BaseGeometry]]:
-    """Return name and areas of the comparison at which the reference has grown most.
+    """Return the name and the areas of the comparison with the largest growth of the reference.
 
     ``rows`` are the comparisons of each combination of processes, by its label.
     """

@@ -21,6 +21,7 @@ import click
 import numpy as np
 
 from firemodel.arrays import Floats, Mask
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import SimulatedFireSection, SimulationSection
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.forecast import Forecasts
@@ -33,8 +34,8 @@ AHEAD_S = (0.0, 1800.0, 3600.0)
 CHANGES = ("deploy_at_s=2400", "planner.rule=circling", "duration_s=20000")
 
 
-def wrong_scenario(seed: int, members: int) -> Scenario:
-    """Return the default scenario with a simulated fire that differs from the estimate's model."""
+def wrong_inputs(seed: int) -> SimulationSection:
+    """Return a simulated fire that differs from the estimate's model."""
     rng = np.random.default_rng((4242, seed))
     section = SimulatedFireSection(
         wind_factor=math.exp(rng.normal(0.0, 0.3)),
@@ -42,8 +43,13 @@ def wrong_scenario(seed: int, members: int) -> Scenario:
         moisture_factor=math.exp(rng.normal(0.0, 0.25)),
         spread_factor=math.exp(rng.normal(0.0, 0.3)),
     )
+    return SimulationSection(fire=section)
+
+
+def wrong_scenario(seed: int, members: int) -> Scenario:
+    """Return the default scenario with a simulated fire that differs from the estimate's model."""
     found = load_scenario("default", (*CHANGES, f"estimate.members={members}"))
-    return found.model_copy(update={"simulation": SimulationSection(fire=section)})
+    return found.model_copy(update={"simulation": wrong_inputs(seed)})
 
 
 def error(area: Mask, true: Mask) -> float:
@@ -52,9 +58,9 @@ def error(area: Mask, true: Mask) -> float:
 
 
 @contextmanager
-def simulation_of(scenario: Scenario) -> Iterator[Simulation]:
+def simulation_of(scenario: Scenario, landscape: Landscape | None = None) -> Iterator[Simulation]:
     """Yield a simulation that has not begun, with its journal in a temporary folder."""
-    landscape = landscape_of(scenario)
+    landscape = landscape or landscape_of(scenario)
     with tempfile.TemporaryDirectory() as folder:
         header = header_of(scenario, landscape.digest(), "")
         journal = Journal(Path(folder) / "journal.jsonl", header, durable=False)

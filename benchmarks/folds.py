@@ -12,6 +12,7 @@ from firemodel.assimilation.learned_inputs import LearnedInputs
 from firemodel.spread import devs8_kernels
 from firemodel.spread.anyangle import AnyAngleFire
 from mission_service.guidance.formation.shared_map import SharedMap
+from mission_service.guidance.front.front_estimate import FrontEstimate
 from mission_service.guidance.team.lookahead import Moves
 from mission_service.runtime.track import Track
 
@@ -81,10 +82,11 @@ def _parts(thing: Any) -> Iterator[tuple[str, Any]]:
         names += sorted(vars(thing))
     if isinstance(thing, SharedMap):
         names = [name for name in names if name not in ("_found", "_shares", "_theirs")]
-    if isinstance(thing, LearnedInputs):
+    if isinstance(thing, LearnedInputs | FrontEstimate):
         names.remove("_rates")  # computed again when needed
     if isinstance(thing, AnyAngleFire):
-        names = [name for name in names if name not in ("_points", "_queue")]
+        names = [name for name in names if name not in ("_points", "_queue", "_labels")]
+        yield "._labels", thing._labels[:2]  # the rest depends on the time of the last copy
         yield "._points", [each[: thing._used] for each in thing._points]
         times, keys, waiting = thing._queue
         yield "._queue", [times[: thing._size], keys[: thing._size], waiting[: thing._waits]]

@@ -336,7 +336,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--scenario", default="default")
-    parser.add_argument("--each", type=int, default=40, help="forged frames for each wake")
+    parser.add_argument("--each", type=int, default=40, help="forged frames for each step")
     arguments = parser.parse_args()
     scenario = load_scenario(arguments.scenario)
     began_s = time.perf_counter()

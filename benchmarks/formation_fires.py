@@ -5,8 +5,8 @@
 ``fires`` prints the final coverage of the virtual agents, beside the coverage of the best static
 places and the final coverage with the paper's forces. The fires are two and three fires whose
 distances and directions depend on the seed, and a ring of fire around an island. ``losses`` prints
-collisions and coverage while no, half or 90 % of the messages are lost, in wind of 10 m/s. Without
-a number of UAVs, fires are flown by eight and losses by sixteen.
+collisions and coverage with 0, 50 and 90 % of the messages lost, in wind of 10 m/s. Without a
+number of UAVs, fires are flown by eight and losses by sixteen.
 """
 
 import math

@@ -2,14 +2,14 @@
 
 One vehicle flies as in ``benchmarks.informative_routes`` over fires with wrong wind in the model.
 Kinds: ``bay`` (a strip of slow fuel across the spread), ``fingers``, ``island``, ``merging`` (two
-fires that merge), ``spots`` (a fire with three spot fires). For each fire are printed:
+fires that merge), ``spots`` (a fire with three spot fires). The benchmark prints for each fire:
 
 - error: the mean symmetric distance between the estimated and the true front in cells; beside it
   that of ``predictive``, which estimates one front on 360 bearings;
 - age: for each true front (outer or inner) longer than 200 m, the longest time since a part of it
-  was in view, divided by the duration of a tour of all these fronts at the vehicle's speed
-  (their lengths, and twice the minimum spanning tree of the gaps between them). A new front counts
-  from one tour after its begin. Printed are the 95th percentile and the largest value;
+  was in view, divided by the duration of a tour of all these fronts at the vehicle's speed (their
+  lengths, and twice the minimum spanning tree of the gaps between them). A new front counts from
+  one tour after its appearance. The 95th percentile and the largest value are printed;
 - path: the share of the flight along fronts that is more than 30 m from the estimated front, and
   the largest distance in m;
 - legs: flights from front to front, and those that cross burned ground although the shortest way

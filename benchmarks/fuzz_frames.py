@@ -64,7 +64,7 @@ class Report:
         if self.lost > self.by_chance * (280 // SMALLEST_GOOD_BYTES):
             found.append(f"{self.lost} good frames were lost")
         if self.by_chance > 3 + self.bad / 8000:
-            found.append(f"{self.by_chance} chance checksums are too many")
+            found.append(f"too many bad frames had a correct checksum by chance: {self.by_chance}")
         return found
 
 
@@ -305,7 +305,7 @@ def main() -> None:
         f"{report.bad} bad frames, seed {arguments.seed}: {taken_s:.1f} s, "
         f"{report.bad / taken_s:.0f} a second\n"
         f"good frames between them: {report.good}, lost {report.lost}; "
-        f"chance checksums {report.by_chance}\n"
+        f"correct checksums by chance {report.by_chance}\n"
         f"transfers amid bad frames: {dict(sorted(report.transfers.items()))}\n"
         f"peak memory: {before_mb:.1f} MB before, {grown_mb:+.1f} MB"
     )

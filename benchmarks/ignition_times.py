@@ -2,9 +2,9 @@
 
 The case is a square kilometre of short grass with 500 ignitions in an hour and 200 corrections,
 under a constant wind and under a wind that changes every ten minutes. Each figure is the minimum of
-several runs, in wall time and in CPU time. ``pairs`` compares with a computation of all pairs of
-ignitions and points (extrapolated from fewer points): it is the ratio of that time to the time of
-this package. ``off_s`` is the difference of the results.
+several runs, in wall time and in CPU time. ``pairs`` is the time of a computation of all pairs of
+ignitions and points (extrapolated from fewer points), divided by the time of this package.
+``off_s`` is the difference of the results.
 """
 
 import json

@@ -10,8 +10,9 @@ the estimate. With ``--by video``, ``http`` or ``mqtt`` the service does not rea
 another program passes them on (``benchmarks.image_relays``). Wind, moisture and spread rate of the
 simulated fire differ from the estimate's model as in ``benchmarks.flown_estimate``. In the last ten
 minutes, once a minute, the front of the estimate is compared with the true front near the places
-where the aircraft flew in the last minute: printed is the mean distance of points of the true front
-from the other front. Persistence is the true front at takeoff; the model alone receives no images.
+where the aircraft flew in the last minute, and the mean distance of points of the true front from
+the estimated front is printed. Persistence is the true front at takeoff; the model alone receives
+no images.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Pass the image files of a simulated camera to a run by other ways, for ``image_files``.
+"""Pass the image files of a simulated camera to a run by video, HTTP or MQTT, for ``image_files``.
 
 ``video`` encodes the images as a thermal video with MISB ST 0601 metadata, which the sensor
 ``thermal_video`` decodes. ``http`` and ``mqtt`` are a detector, which finds the burned cells in

@@ -1,20 +1,20 @@
 """Errors of the estimate by the routes flown: ``benchmarks.informative_routes KIND FIRST LAST``.
 
 One vehicle flies over a simulated fire without autopilot: along the planner's paths, at constant
-speed, with the time that turns take. It observes all cells within three cells. The estimate of the
-service receives these observations, and the planner receives the estimate's fronts. The error is
-the distance between the estimated and the true front in cells: at each minute the mean and the
-largest distance from each front to the other one, averaged over the flight. At the start the
-whole fire is mapped once.
+speed, with the time that turns take. The vehicle observes all cells at most three cells away. The
+estimate of the service receives these observations, and the planner receives the estimate's fronts.
+The error is the distance between the estimated and the true front in cells: at each minute the mean
+and the largest distance from each front to the other one, averaged over the flight. At the start
+the whole fire is mapped once.
 
 Kinds of fires: ``random`` (the model is right), ``wrong`` (30 % of the fuels, the wind direction
 and the wind speed of the model are wrong), ``head`` (a narrow fast strip), ``even``, ``bay`` (a
 strip of slow fuel across the spread), ``fingers``, ``island`` (slow fuel inside), ``two`` (two
 fires), ``merging`` (two fires that merge), ``spots`` (a fire with three spot fires).
 
-Beside ``informative`` are printed: ``laps``, the same estimate with a vehicle that circles the
-longest front; ``last seen``, the fire as last observed by that vehicle, without a model;
-``no aircraft``, the model alone.
+The benchmark also prints the results of other methods: ``laps``, the same estimate with a vehicle
+that circles the longest front; ``last seen``, the fire as last observed by that vehicle, without a
+model; ``no aircraft``, the model alone.
 """
 
 import argparse
@@ -230,7 +230,7 @@ class Flight:
 
 
 def random_case(seed: int) -> Case:
-    """Return a random fire, of which the model is right."""
+    """Return a random fire, for which the model is right."""
     fire = random_fire(2 * seed + 1)
     return Case(f"random {seed}", fire, fire, ((*fire.ignition, 0.0),))
 
@@ -322,7 +322,7 @@ KINDS: dict[str, Callable[[int], Case]] = {
 
 
 def flown(kind: str, seed: int) -> tuple[str, list[Errors], tuple[int, int]]:
-    """Return the errors of informative, laps, last seen and no aircraft, and the turns."""
+    """Return the errors of ``informative``, laps, last seen and no aircraft; and turn counts."""
     case = KINDS[kind](seed)
     own, _, alone, turns = Flight(case, laps=False).run()
     laps, last, _, lap_turns = Flight(case, laps=True).run()

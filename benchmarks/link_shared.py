@@ -12,16 +12,18 @@ def clock_us() -> int:
     return time.monotonic_ns() // 1000
 
 
-def free_ports(count: int) -> list[int]:
-    """Return different UDP ports that are free now."""
+def free_ports(count: int, kind: socket.SocketKind = socket.SOCK_DGRAM) -> list[int]:
+    """Return different ports that are free now: of UDP, or of TCP with SOCK_STREAM."""
     with ExitStack() as stack:
-        sockets = [
-            stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            for _ in range(count)
-        ]
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, kind)) for _ in range(count)]
         for sock in sockets:
             sock.bind(("127.0.0.1", 0))
         return [sock.getsockname()[1] for sock in sockets]
+
+
+def free_tcp_port() -> int:
+    """Return a TCP port that is free now."""
+    return free_ports(1, socket.SOCK_STREAM)[0]
 
 
 def mission_of(count: int, shift_m: float) -> tuple[MissionItem, ...]:

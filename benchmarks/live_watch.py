@@ -1,4 +1,4 @@
-"""The watch of ``watch.py`` live: the service and each mock in a process, one of each killed.
+"""The watch of ``watch.py`` live, in separate processes; a mock and the service are killed.
 
     python -m benchmarks.live_watch [MINUTES] [--speedup N] [--seed N] [--out FOLDER]
 
@@ -27,7 +27,7 @@ from typing import Any
 import click
 
 from autopilot_bridge.links.link_address import other_end
-from benchmarks.link_shared import free_ports
+from benchmarks.link_shared import free_ports, free_tcp_port
 from benchmarks.load import CLI, Client, cpu_s, ready_after_s, tracebacks_in, verified
 from benchmarks.watch import FULL_PCT, report, scenario_of
 from mission_service.config.scenario import Scenario, load_scenario
@@ -68,7 +68,7 @@ def write_scenario(path: Path, minutes: float, seed: int, http_port: int) -> Sce
 
 @dataclass
 class LiveWatch:
-    """The processes of a watch, and what happened to them."""
+    """The processes of a watch, and their kills and restarts."""
 
     path: Path  # the scenario file
     out: Path
@@ -239,7 +239,7 @@ def main() -> None:
         out = given.out or Path(temporary)
         out.mkdir(parents=True, exist_ok=True)
         path = out / "watch.toml"
-        (port,) = free_ports(1)
+        port = free_tcp_port()
         scenario = write_scenario(path, given.minutes, given.seed, port)
         watch = LiveWatch(path, out, port, scenario, given.speedup)
         with running(watch):

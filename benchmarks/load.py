@@ -31,11 +31,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-import click
-
-from benchmarks.link_shared import free_ports
+from benchmarks.link_shared import free_tcp_port
 from benchmarks.load_mocks import STAMP
 from benchmarks.load_scenario import FIRE, M_PER_DEG, Load, scenario_text
+from benchmarks.shared import print_figures
 
 TICKS = os.sysconf("SC_CLK_TCK")
 READY_S, LATENCY_S, MEMORY_MIB = 3.0, 0.2, 300.0
@@ -274,7 +273,7 @@ def delays(name: str, waits_s: list[float]) -> dict[str, float]:
 
 def measure(given: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Run daemon, mocks and client; return all figures."""
-    port = free_ports(1)[0]
+    port = free_tcp_port()
     path, stamps = folder / "load.toml", folder / "stamps"
     extra = EXTRA_OF_ESTIMATE if given.estimate else ""
     load = Load(given.vehicles, given.rule, http_port=port, extra=extra)
@@ -353,15 +352,12 @@ def main() -> None:
     parser.add_argument("--warm-up", type=float, default=90.0, help="seconds until measured")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--estimate", action="store_true", help="with a busy estimate")
-    parser.add_argument("--profile", help="a file for stacks, by py-spy")
+    parser.add_argument("--profile", help="file for the profile that py-spy records")
     parser.add_argument("--py-spy", default="py-spy")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         figures = measure(given, Path(folder))
-    click.echo(json.dumps(figures))
-    over = beyond(figures)
-    if over:
-        sys.exit("limits exceeded: " + "; ".join(over))
+    print_figures(figures, beyond(figures))
 
 
 if __name__ == "__main__":

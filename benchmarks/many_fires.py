@@ -3,10 +3,10 @@
     .venv/bin/python -m benchmarks.many_fires [--members 100] [--workers 2]
 
 The single fires are simulated in one process, one after the other, by ``new_fire``, ``perturb`` and
-``advance``. They are timed without and with ``behaviour_of``, which computes flame lengths, as the
-ensemble does. A whole command ``fire run`` also starts Python and writes files; it is timed once.
-The landscapes are those of ``bench fire``, hills with patches of 12 fuels and a plain, with a
-moderate and a strong wind.
+``advance``. The single fires are timed without and with ``behaviour_of``, which computes flame
+lengths, as the ensemble does. A whole command ``fire run`` also starts Python and writes files; it
+is timed once. The landscapes are those of ``bench fire``: hills with patches of 12 fuels, and a
+plain; each has a moderate and a strong wind.
 """
 
 import argparse

@@ -70,7 +70,7 @@ async def forecasts(estimate: RunEstimate) -> None:
         )
         click.echo(
             f"{name:20} {wall_ms:7.1f} ms, {cpu_ms:7.1f} ms of CPU, "
-            f"others late by {1e3 * max(late_s, default=0.0):.1f} ms at worst"
+            f"others late by at most {1e3 * max(late_s, default=0.0):.1f} ms"
         )
     beating.cancel()
     made.close()

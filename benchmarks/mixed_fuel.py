@@ -1,7 +1,9 @@
 """Error of the any-angle scheme where fuels meet: ``python -m benchmarks.mixed_fuel``.
 
 Each case simulates the same fire on the given cells and on smaller cells of the same fuels, and
-prints the difference of the burned areas in percent, for the default scheme and for ``precise``:
+prints the difference of the burned areas in percent, for the default scheme and for ``precise``.
+The area is counted in whole cells (``burned_ha``) and interpolated within cells
+(``interpolated_ha``):
 
 * patches of 120 m with five fuels, cells of 120 to 24 m compared with cells of 8 m;
 * the same patches turned, on cells of 30 m, compared with these cells divided into 5 x 5;
@@ -17,9 +19,10 @@ The scheme's settings were chosen on ``--seed 1``; figures in documents are of `
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 import numpy as np
@@ -75,11 +78,29 @@ def middle(land: Landscape) -> tuple[int, int, float]:
     return rows // 2, cols // 2, 0.0
 
 
-def burned_ha(land: Landscape, weather: WeatherStream, end_s: float, precise: bool) -> float:
-    """Return the area that a fire lit in the middle has burned at a time."""
-    fire = AnyAngleFire(land, weather, [middle(land)], precise=precise)
+class Areas(NamedTuple):
+    """A burned area in hectares, counted in whole cells and interpolated within cells."""
+
+    whole_ha: float
+    parts_ha: float
+
+    def error(self, fine: "Areas") -> "Areas":
+        """Return the differences from a fire on smaller cells, in percent."""
+        pairs = zip(self, fine, strict=True)
+        return Areas(*(100.0 * (own / other - 1.0) for own, other in pairs))
+
+
+def burned_ha(
+    land: Landscape,
+    weather: WeatherStream,
+    end_s: float,
+    precise: bool,
+    lit: tuple[int, int, float] | None = None,
+) -> Areas:
+    """Return the area that a fire lit in the middle, or in a cell, has burned at a time."""
+    fire = AnyAngleFire(land, weather, [lit or middle(land)], precise=precise)
     fire.advance(end_s)
-    return fire.burned_ha
+    return Areas(fire.burned_ha, fire.interpolated_ha)
 
 
 def duration_s(land: Landscape, weather: WeatherStream, share: float) -> float:
@@ -95,9 +116,23 @@ def duration_s(land: Landscape, weather: WeatherStream, share: float) -> float:
     return time_s / 1.15
 
 
-def line(name: str, found: list[float], unit: str = "%") -> None:
+def line(name: str, found: Sequence[float]) -> None:
     """Print a line of errors."""
-    click.echo(f"  {name}: " + ", ".join(f"{each:+.2f} {unit}" for each in found))
+    click.echo(f"  {name}: " + ", ".join(f"{each:+.2f} %" for each in found))
+
+
+def lines(name: str, errors: Sequence[Areas]) -> None:
+    """Print a line of the errors of areas in whole cells, and a line for interpolated areas."""
+    whole, parts = zip(*errors, strict=True)
+    line(name, whole)
+    line("  interpolated within cells", parts)
+
+
+def summary(name: str, errors: Sequence[Areas]) -> None:
+    """Print the mean and the largest error."""
+    both = np.array(errors)
+    largest = both[np.abs(both).argmax(axis=0), [0, 1]]
+    lines(f"{name}, mean and largest", [Areas(*both.mean(axis=0)), Areas(*largest)])
 
 
 def patches(seed: int, precise: bool) -> None:
@@ -107,10 +142,10 @@ def patches(seed: int, precise: bool) -> None:
         weather = WeatherStream([replace(WEATHER, wind_speed_m_s=wind_m_s)])
         coarse = flat(fuel, 120.0)
         end_s = duration_s(cut(coarse, 5), weather, 0.3)
-        fine_ha = burned_ha(cut(coarse, 15), weather, end_s, precise)
+        fine = burned_ha(cut(coarse, 15), weather, end_s, precise)
         found = [burned_ha(cut(coarse, n), weather, end_s, precise) for n in (1, 3, 5)]
-        errors = [100.0 * (each / fine_ha - 1.0) for each in found]
-        line(f"patches of 120 m, wind {wind_m_s:g} m/s, cells of 120, 40, 24 m", errors)
+        errors = [each.error(fine) for each in found]
+        lines(f"patches of 120 m, wind {wind_m_s:g} m/s, cells of 120, 40, 24 m", errors)
 
 
 def turned(seed: int, precise: bool) -> None:
@@ -120,7 +155,7 @@ def turned(seed: int, precise: bool) -> None:
     maps = [generator.choice(FUELS, (53, 53)) for _ in range(TURNED_MAPS)]
     right, down = np.meshgrid(np.arange(-70, 71) * 30.0, np.arange(-70, 71) * 30.0)
     for wind_m_s in WINDS_M_S:
-        weather, errors = WeatherStream([replace(WEATHER, wind_speed_m_s=wind_m_s)]), list[float]()
+        weather, errors = WeatherStream([replace(WEATHER, wind_speed_m_s=wind_m_s)]), list[Areas]()
         for fuel in maps:
             for turn_deg in TURNS_DEG:
                 cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
@@ -129,11 +164,9 @@ def turned(seed: int, precise: bool) -> None:
                 land = flat(fuel[rows, cols], 30.0)
                 end_s = duration_s(land, weather, 0.3)
                 coarse, fine = (burned_ha(cut(land, n), weather, end_s, precise) for n in (1, 5))
-                errors.append(100.0 * (coarse / fine - 1.0))
-        worst = max(errors, key=abs)
+                errors.append(coarse.error(fine))
         turns = ", ".join(f"{each:g}" for each in TURNS_DEG)
-        name = f"patches turned by {turns}°, cells of 30 m, wind {wind_m_s:g} m/s, mean and largest"
-        line(name, [float(np.mean(errors)), worst])
+        summary(f"patches turned by {turns}°, cells of 30 m, wind {wind_m_s:g} m/s", errors)
 
 
 def checkerboard(precise: bool) -> None:
@@ -145,7 +178,7 @@ def checkerboard(precise: bool) -> None:
         coarse, fine = (
             burned_ha(cut(flat(fuel, 30.0), n), weather, end_s, precise) for n in (1, 7)
         )
-        line(f"checkerboard of fuels 1 and 10, wind {wind_m_s:g} m/s", [100 * (coarse / fine - 1)])
+        lines(f"checkerboard of fuels 1 and 10, wind {wind_m_s:g} m/s", [coarse.error(fine)])
 
 
 def strips(precise: bool) -> None:
@@ -192,13 +225,13 @@ def changes(seed: int, precise: bool) -> None:
                 burned_ha(land, WeatherStream(stream), end_s, precise)
                 for stream in (entries, [one])
             )
-            found.append(100.0 * (same / none - 1.0))
-        line(f"{CHANGES} changes without effect, wind {wind_m_s:g} m/s, patches and even", found)
+            found.append(same.error(none))
+        lines(f"{CHANGES} changes without effect, wind {wind_m_s:g} m/s, patches and even", found)
 
 
 def real(name: str, land: Landscape, fires: int, seed: int, precise: bool) -> None:
     """Print the mean and the largest error of fires on a real landscape."""
-    generator, errors = np.random.default_rng(seed), list[float]()
+    generator, errors = np.random.default_rng(seed), list[Areas]()
     while len(errors) < fires:
         top, left = (int(generator.integers(0, size - WINDOW_CELLS)) for size in land.shape)
         wind = generator.uniform(0.0, 9.0), generator.uniform(0.0, 360.0)
@@ -208,16 +241,13 @@ def real(name: str, land: Landscape, fires: int, seed: int, precise: bool) -> No
             continue
         weather = WeatherStream([Weather(0.0, *wind, *moisture)])
         end_s = duration_s(part, weather, 0.5)
-        coarse_ha = burned_ha(part, weather, end_s, precise)
-        if coarse_ha * 1e4 / part.cell_size_m**2 < LEAST_CELLS:
+        coarse = burned_ha(part, weather, end_s, precise)
+        if coarse.whole_ha * 1e4 / part.cell_size_m**2 < LEAST_CELLS:
             continue
-        fine = cut(part, 7)
         centre = 7 * (WINDOW_CELLS // 2) + 3  # a landscape of equal cells
-        fire = AnyAngleFire(fine, weather, [(centre, centre, 0.0)], precise=precise)
-        fire.advance(end_s)
-        errors.append(100.0 * (coarse_ha / fire.burned_ha - 1.0))
-    worst = max(errors, key=abs)
-    line(f"{name}, {fires} fires, mean and largest", [float(np.mean(errors)), worst])
+        fine = burned_ha(cut(part, 7), weather, end_s, precise, (centre, centre, 0.0))
+        errors.append(coarse.error(fine))
+    summary(f"{name}, {fires} fires", errors)
 
 
 def main() -> None:

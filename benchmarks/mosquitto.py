@@ -8,6 +8,8 @@ import subprocess
 import time
 from pathlib import Path
 
+from benchmarks.link_shared import free_tcp_port
+
 MOSQUITTO = shutil.which("mosquitto", path=os.environ.get("PATH", "") + ":/usr/sbin")
 
 
@@ -16,9 +18,7 @@ class Mosquitto:
 
     def __init__(self, folder: Path, settings: str = "allow_anonymous true") -> None:
         """Write the configuration; ``settings`` are its lines on authentication and access."""
-        with socket.socket() as sock:
-            sock.bind(("127.0.0.1", 0))
-            self.port: int = sock.getsockname()[1]
+        self.port = free_tcp_port()
         self._config = folder / "mosquitto.conf"
         self._config.write_text(
             f"listener {self.port} 127.0.0.1\n{settings}\npersistence false\n", "utf-8"

@@ -6,6 +6,7 @@ The folder contains a JSON Schema with an example for each MQTT message. The sou
 of topics and of requests. A test finds missing and outdated files.
 """
 
+import inspect
 import json
 import sys
 from collections.abc import Iterator
@@ -100,9 +101,25 @@ def command_file(name: str) -> str:
 
 def schema_of(struct: type[msgspec.Struct]) -> dict[str, Any]:
     """Return the JSON Schema of a type, with the types of its fields in ``$defs``."""
-    found = msgspec.json.schema(struct)
+    found = _dedented(msgspec.json.schema(struct))
     top: dict[str, Any] = found["$defs"].pop(found.pop("$ref").rpartition("/")[2])
     return top | ({"$defs": found["$defs"]} if found["$defs"] else {})
+
+
+def _dedented(schema: Any) -> Any:
+    """Return a schema with descriptions as msgspec 0.23 writes them, without indentation."""
+    match schema:
+        case dict():
+            return {
+                key: inspect.cleandoc(each)
+                if key == "description" and isinstance(each, str)
+                else _dedented(each)
+                for key, each in schema.items()
+            }
+        case list():
+            return [_dedented(each) for each in schema]
+        case _:
+            return schema
 
 
 def documents() -> dict[str, dict[str, Any]]:

@@ -2,9 +2,9 @@
 
 Both packages simulate the same fire in one run: 1000 x 1000 cells of 30 m, wind of 5 m/s at 20 ft
 from 250 degrees, one ignition cell, until about half of the cells have burned. The times contain
-Rothermel's equations and the construction of the fire. They exclude the reading of files, the start
-of Python and the compilation. Both have no wind limit and the same length-to-width ratio;
-pyretechnics runs with its defaults.
+Rothermel's equations and the construction of the fire. The times exclude the reading of files, the
+start of Python and the compilation. Both packages have no wind limit and the same length-to-width
+ratio; pyretechnics runs with its defaults.
 
 If each cell has a random fuel ("speckled"), the burned areas differ. ``--finer 3`` divides each
 cell into 3 x 3 cells of the same fuel and shows the limit to which each package converges; use it
@@ -43,8 +43,7 @@ DURATIONS_MIN = {"uniform": 1180.0, "mixed": 2700.0, "speckled": 2700.0}
 def landscapes(cells: int, finer: int = 1) -> dict[str, Landscape]:
     """Return level ground of one fuel, and hills of five fuels, in patches or in single cells.
 
-    The hills have slopes up to about 20 %. ``finer`` is the number of cells a side into which each
-    cell is divided.
+    The hills have slopes up to about 20 %. Each cell is divided into ``finer`` by ``finer`` cells.
     """
     place = np.arange(cells * finer) * CELL_M / finer
     hills = 200.0 * np.sin(place / 900.0)[:, None] * np.cos(place / 1100.0) + 0.02 * place
@@ -153,9 +152,11 @@ def main() -> None:
     """Print one line for each case, or JSON."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cells", type=int, default=1000, help="number of cells a side")
     parser.add_argument(
-        "--finer", type=int, default=1, help="cells a side into which each cell is divided"
+        "--cells", type=int, default=1000, help="number of cells on each side of the map"
+    )
+    parser.add_argument(
+        "--finer", type=int, default=1, help="number of cells on each side of a divided cell"
     )
     parser.add_argument("--venv", type=Path, default=cache / "firemodel" / "pyretechnics")
     parser.add_argument("--json", action="store_true")

@@ -6,12 +6,12 @@ A plane flies lines of 8 images, 30 m and 1.5 s apart, 120 m above steep ground 
 have a standard deviation of 2 °C; the sensor has noise of 0.1 °C and a fixed pattern of 0.2 °C. The
 heights of the true ground are those of the service (grids of 30 m and 10 m), and have a smooth
 error in addition if ELEVATION_SD_M is above 0 (default), which is also its stated standard
-deviation. The errors of the poses are those of ``benchmarks.thermal_frames``: of each image
-alone (independent), the same in all images of a pass (constant), or half of the variance each.
-Printed for the poses as measured, after the registration, and for the last images after the
-registration are the mean error of the places of pixels, the share of places in the stated ellipse
-of 90 %, and the share of pixels that are not used; and the number of matches and the processor time
-of an image.
+deviation. The errors of the poses are those of ``benchmarks.thermal_frames``: of each image alone
+(independent), the same in all images of a pass (constant), or half of the variance each. The
+benchmark prints the mean error of the places of pixels, the share of places in the stated ellipse
+of 90 %, and the share of pixels that are not used: for the poses as measured, for the poses after
+the registration, and for the last images after the registration. It also prints the number of
+matches and the processor time of an image.
 """
 
 import sys
@@ -122,7 +122,7 @@ def flown(ground: Landscape, pitch_deg: float, rng: np.random.Generator) -> Pass
 
 
 def errors_of(own: float, rng: np.random.Generator) -> Floats:
-    """Return the errors (images, 6) of poses, of which a share of the variance is their own."""
+    """Return the errors (images, 6) of poses; a share of their variance is independent."""
     alone = np.array([pose_error(rng) for _ in range(IMAGES)])
     return float(np.sqrt(own)) * alone + float(np.sqrt(1.0 - own)) * pose_error(rng)
 

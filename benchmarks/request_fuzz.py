@@ -211,6 +211,8 @@ class RequestGenerator:
                 return str(rng.choice(["ann", "cy", "no such volume", "", ""]))
             case "text":
                 return str(rng.choice(["gate locked", " ", "é" * 200]))
+            case "photo":
+                return str(rng.choice(["", f"{'5e' * 32}.jpg", "../journal.jsonl"]))
             case "alarm":
                 return str(rng.choice(["link/hawk", "abort", "no such alarm", " "]))
             case "override":

@@ -1,12 +1,13 @@
 """Gain of routing alone: ``python -m benchmarks.routing_limit [SCENARIO ...]``.
 
 The fire is estimated as in Islam & Hu, section VI.E: each part of the front stays at its last
-observed position, in a convex hull. The vehicle has the true bearing of the head. It sweeps across
-the head ``sweeps`` times, passes it each time by a fraction ``reach`` of the perimeter, then flies
-one lap, and repeats. The best of these routes shows the approximate gain of choosing directions. It
-is not a bound, because other routes may be less regular: on the fast fire one setting of the damped
-rule (reversal_margin 0.7) had an error 9 % below circling, and the best of these routes 7 % below.
-The benchmark prints the mean maximum error of circling and of the best routes, in cells.
+observed position, in a convex hull. The vehicle has the true bearing of the head. The vehicle
+sweeps across the head ``sweeps`` times, passes it each time by a fraction ``reach`` of the
+perimeter, then flies one lap, and repeats. The best of these routes shows the approximate gain of
+choosing directions. It is not a bound, because other routes may be less regular: on the fast fire
+one setting of the damped rule (reversal_margin 0.7) had an error 9 % below circling, and the best
+of these routes 7 % below. The benchmark prints the mean maximum error of circling and of the best
+routes, in cells.
 """
 
 import sys

@@ -1,9 +1,12 @@
-"""Locate the folder of reference data, which is not in the repository; compute overlaps."""
+"""Locate the folder of reference data, which is not in the repository; print figures; overlaps."""
 
 import argparse
+import json
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import click
 from shapely.geometry.base import BaseGeometry
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -21,6 +24,13 @@ def check_folder(folder: Path) -> Path:
     if not folder.is_dir():
         sys.exit(f"{folder}: no such folder; give the folder that contains it with --data")
     return folder
+
+
+def print_figures(figures: Mapping[str, object], over: Sequence[str]) -> None:
+    """Print figures as JSON; exit with a message if any limits are exceeded (``over``)."""
+    click.echo(json.dumps(figures))
+    if over:
+        sys.exit("limits exceeded: " + "; ".join(over))
 
 
 def overlap(a: BaseGeometry, b: BaseGeometry) -> float:

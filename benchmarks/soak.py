@@ -31,7 +31,7 @@ from typing import Any
 import click
 
 from benchmarks.invalid_input import publish_invalid_mqtt, send_invalid_http, send_invalid_mavlink
-from benchmarks.link_shared import free_ports
+from benchmarks.link_shared import free_tcp_port
 from benchmarks.load import Client, end, memory_mib, process, ready_after_s, tracebacks_in, verified
 from benchmarks.load_scenario import BROKER, FIRST_PORT, Load, scenario_text
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
@@ -162,7 +162,7 @@ def soak(given: argparse.Namespace, folder: Path) -> tuple[dict[str, Any], list[
     rng = random.Random(given.seed)
     seconds = given.hours * 3600.0 / given.speedup
     broker, clock, disk = Mosquitto(folder), Clock(folder), Disk(folder / "out")
-    port, path, log = free_ports(1)[0], folder / "load.toml", folder / "daemon.log"
+    port, path, log = free_tcp_port(), folder / "load.toml", folder / "daemon.log"
     extra = BROKER.format(address=broker.address, rotate_mb=4, keep_mb=48, state_every_s=5)
     path.write_text(scenario_text(Load(4, cells=200, http_port=port, extra=extra)), "utf-8")
     observed, done = Observed(), []

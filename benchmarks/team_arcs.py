@@ -1,10 +1,10 @@
-"""Fly team.balanced on rings with one hot arc: ``python -m benchmarks.team_arcs [FIRST] [COUNT]``.
+"""Fly team.balanced on rings with a fast arc: ``python -m benchmarks.team_arcs [FIRST] [COUNT]``.
 
 For each seed (default: 3 from 0), each team of 2 to 8 and each speed a ring is drawn: 150 to 300
 cells of 30 m, and an arc of 2 to 15 % of them that spreads 5 to 100 times as fast as the rest. Each
 line shows the mean cost (linear importance) divided by that of circling and by that of the best of
 circling, bumper and Bent's eight combinations, and the cost of the second half divided by that of
-the best pattern. This pattern is found off line, by the visits of every arc near the hot one, for
+the best pattern. This pattern is found off line, by the visits of every arc near the fast one, for
 each number of vehicles that sweep it and up to four returns in each lap. ``--turn SECONDS`` sets
 the duration of a turn back (default: 0, as in Bent's thesis). ``--speeds 10 20`` flies only some of
 the speeds 1.5, 5, 10, 20 and 40 m/s.
@@ -43,7 +43,7 @@ BASELINES: tuple[tuple[str, str | None], ...] = (
 
 
 class ArcCase(NamedTuple):
-    """A ring with a hot arc, and the team that flies on it."""
+    """A ring with a fast arc, and the team that flies on it."""
 
     cells: int
     first: int

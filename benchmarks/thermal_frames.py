@@ -5,11 +5,12 @@
 Places of pixels are computed with the true pose of a camera 120 m above ground, and with a pose
 that has errors: 1.5 m in each axis of the position, and rotations of 0.5 degrees about each axis of
 the camera. The true ground has peaks and valleys of 600 m on a grid of 5 m; the elevation of the
-service are the same heights on grids of 30 m and 10 m. Pixels whose place has a stated standard
-deviation above the default of ``max_position_sd_m`` are not used. Printed are the mean and the
-median error of the places of the other pixels, the share of places inside the 90 % ellipse that is
-stated for the pixel, and the share of pixels not used. The baseline uses the same pose over flat
-ground at the elevation below the camera. ``benchmarks.registered_frames`` measures whole passes.
+service contains the same heights on grids of 30 m and 10 m. Pixels whose place has a stated
+standard deviation above the default of ``max_position_sd_m`` are not used. The benchmark prints the
+mean and the median error of the places of the other pixels, the share of places inside the 90 %
+ellipse that is stated for the pixel, and the share of pixels not used. The baseline uses the same
+pose over flat ground at the elevation below the camera. ``benchmarks.registered_frames`` measures
+whole passes.
 """
 
 import sys

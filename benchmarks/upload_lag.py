@@ -85,7 +85,7 @@ def cases(world: World) -> list[tuple[str, str, bytes]]:
     return [
         ("comb of 60,000 teeth", "/fire/perimeter", drawn([places(world, 60_000, 0.1, 0.3)])),
         ("40 rings of 3,000 corners", "/fire/perimeter", drawn(many)),
-        ("2,500 holes in each other", "/fire/perimeter", holed),
+        ("2,500 nested holes", "/fire/perimeter", holed),
         ("1,000,000 brackets", "/fire/perimeter", b'{"type":' + b"[" * 1_000_000),
         ("8 MB of numbers", "/fire/perimeter", b'{"x":[' + b"1.25," * 1_590_000 + b"1]}"),
         ("1 MB of brackets", "/wind", b"[" * 1_000_000),
@@ -147,9 +147,9 @@ async def measured(world: World) -> bool:
 
 
 def estimate_cases(world: World) -> list[tuple[str, dict[str, Any] | Observed]]:
-    """Return name and request, or late image, of each case.
+    """Return the name of each case, with its request or its late image.
 
-    Each changes ground a little further from the fire than the one before.
+    Each case changes ground slightly farther from the fire than the case before.
     """
     land = world.context.landscape
     rows, cols = np.nonzero(world.context.estimate.fire.burned())

@@ -6,10 +6,10 @@ A quarter of the cases are packets of metadata with changed bytes, which must be
 are packets with random values and a right checksum, which must be refused or give finite places.
 The others are transport streams: bits, bytes or transport packets are changed, left out, repeated
 or exchanged, or random bytes are inserted. Each image that is returned must have the time and the
-pose of an undamaged packet. Printed are the numbers of outcomes. No case may raise another
-exception than the documented ones. A sum of 16 bits cannot notice all damage: one changed packet of
-65,536 has the right sum. A transport stream has no checksum of its pictures; therefore the number
-of images whose hot pixels differ is printed, too.
+pose of an undamaged packet. The benchmark prints the number of each outcome. No case may raise
+another exception than the documented ones. A sum of 16 bits cannot detect all damage: one changed
+packet of 65,536 has the right sum. A transport stream has no checksum of its pictures; therefore
+the benchmark also prints the number of images in which hot pixels differ.
 """
 
 import sys
@@ -58,7 +58,7 @@ class Original(NamedTuple):
 
 
 def original() -> Original:
-    """Return a stream with a moving hot square, of which each picture is due."""
+    """Return a stream with a moving hot square, in which each picture is due."""
     landscape = steep_landscape(30.0)
     writer = VideoWriter(LENS.width, LENS.height)
     packets = []
@@ -96,7 +96,7 @@ def fuzz(found: Original, count: int, rng: np.random.Generator) -> Counter[str]:
 
 
 def changed(data: bytes, rng: np.random.Generator) -> bytes:
-    """Return bytes of which one to eight are changed."""
+    """Return bytes with one to eight of them changed."""
     values = bytearray(data)
     for place in rng.integers(len(values), size=int(rng.integers(1, 9))):
         values[place] ^= int(rng.integers(1, 256))

@@ -3,10 +3,10 @@
     python -m benchmarks.video_stream [SECONDS]
 
 Another process sends video of 640 x 512 pixels with 30 pictures and 30 packets of metadata a second
-over UDP on loopback. The sensor uses one image a second. Printed are the share of a core that the
-sensor's process uses, and the largest delays of an event loop in this process, which also calls the
-sensor ten times a second. The limits are 50 % of a core and 50 ms. The delays of the same loop
-without the sensor show what other programs on this machine contribute.
+over UDP on loopback. The sensor uses one image a second. The benchmark prints the share of a core
+that the sensor's process uses, and the largest delays of an event loop in this process, which also
+calls the sensor ten times a second. The limits are 50 % of a core and 50 ms. The delays of the same
+loop without the sensor show the contribution of other programs on this machine.
 """
 
 import asyncio

@@ -216,7 +216,7 @@ def report(
         "longest lap": f"{found.longest_lap_s:.0f} s",
         "longest time unseen, a sector": f"{found.oldest_s:.0f} s",
         "takeoffs without an order": f"{len(unsigned)}",
-        "closest pair": f"{closest_m:.0f} m (limit {separation_m:.0f} m)",
+        "smallest distance": f"{closest_m:.0f} m (limit {separation_m:.0f} m)",
     }
     for name, figure in lines.items():
         click.echo(f"{name:30} {figure}")

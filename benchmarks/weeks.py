@@ -34,7 +34,7 @@ from typing import Any
 
 import click
 
-from benchmarks.link_shared import free_ports
+from benchmarks.link_shared import free_tcp_port
 from benchmarks.load import (
     Client,
     cpu_s,
@@ -342,7 +342,7 @@ def _repeated(measure: Any, times: int) -> list[int]:
 def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
     """Run the daemon; print each hour; return the text and the result of each check."""
     broker, out = Mosquitto(folder), folder / "out"
-    port, path, log = free_ports(1)[0], folder / "weeks.toml", folder / "daemon.log"
+    port, path, log = free_tcp_port(), folder / "weeks.toml", folder / "daemon.log"
     load = Load(
         4,
         cells=200,

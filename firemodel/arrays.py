@@ -1,11 +1,15 @@
 """Define array types, and compute windows of arrays and points along lines."""
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
+Number = TypeVar("Number", bound=np.generic)
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Place = tuple[slice, slice]  # a window of rows and columns; a valid index of an array
+WHOLE: Place = np.s_[:, :]
 
 
 def bounds_of(mask: Mask) -> Place:
@@ -28,6 +32,13 @@ def widened(cells: Mask, reach: int) -> Mask:
     count = inside.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
     above, below = count[:-size], count[size:]
     return np.asarray(below[:, size:] - below[:, :-size] - above[:, size:] + above[:, :-size] > 0)
+
+
+def enlarged(array: NDArray[Number], length: int) -> NDArray[Number]:
+    """Return a copy of an array with more rows, the new ones uninitialised."""
+    found = np.empty((length, *array.shape[1:]), dtype=array.dtype)
+    found[: len(array)] = array
+    return found
 
 
 def lengths_along(line: Floats) -> Floats:

@@ -101,7 +101,7 @@ class ShowRelief(Command, frozen=True, tag=True):
     """Show the vehicle's role in a task that vehicles fly in turn, also in words.
 
     A vehicle that is now ``on task`` takes over the planner of the vehicle ``takes_over_from``
-    (empty: of none).
+    (empty: no vehicle).
     """
 
     role: ReliefRole
@@ -239,7 +239,8 @@ class ClearedVehicle(msgspec.Struct, frozen=True):
     """The progress of one vehicle while the airspace is cleared (mission time in microseconds).
 
     ``why`` states why the vehicle is not reached. The vehicle should be out by ``out_by_us``, which
-    is stated once; ``expected_us`` is the present prediction. Both are None if none is possible.
+    is stated once; ``expected_us`` is the present prediction. Both times are None if no prediction
+    is possible.
     """
 
     vehicle: str

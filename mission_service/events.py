@@ -239,6 +239,17 @@ class AirspeedMeasured(Event, frozen=True, tag=True):
     airspeed_m_s: Velocity
 
 
+class AirDataMeasured(Event, frozen=True, tag=True):
+    """A plane's true airspeed per measured airspeed, and the wind, from flight on several headings.
+
+    ``wind_from_deg`` is the direction from which the wind blows, clockwise from true north.
+    """
+
+    true_airspeed_factor: Annotated[float, Meta(ge=0.5, le=2.0)]
+    wind_speed_m_s: WindSpeed
+    wind_from_deg: Bearing
+
+
 class ThrustStatusChanged(Event, frozen=True, tag=True):
     """Thrust has become insufficient (sinking at full throttle, VFR_HUD) or sufficient again."""
 
@@ -584,11 +595,15 @@ class Rejected(OperatorEvent, frozen=True, tag=True):
 
 
 class NoteAdded(OperatorEvent, frozen=True, tag=True):
-    """A note about a place; it changes neither the fire nor a vehicle."""
+    """A note about a place; it changes neither the fire nor a vehicle.
+
+    ``photo`` is the name of a stored photo of the place, which contains its SHA-256, or empty.
+    """
 
     text: str
     lat_deg: Latitude
     lon_deg: Longitude
+    photo: str = ""
 
 
 class AirspaceClosed(OperatorEvent, frozen=True, tag=True):
@@ -792,6 +807,7 @@ VehicleEvent = (
     | TargetTracked
     | WindMeasured
     | AirspeedMeasured
+    | AirDataMeasured
     | ThrustStatusChanged
     | UploadFinished
     | MissionReadBack

@@ -24,7 +24,8 @@ def operator_line(event: events.AnyEvent) -> str:
             return f"{by} sets the wind: {event.speed_m_s:.1f} m/s from {event.from_deg:.0f}°"
         case events.NoteAdded():
             place = f"{event.lat_deg:.5f}, {event.lon_deg:.5f}"
-            return f"{by} notes at {place}: {event.text}"
+            photo = f" (photo {event.photo})" if event.photo else ""
+            return f"{by} notes at {place}: {event.text}{photo}"
         case events.AlarmAcknowledged():
             return f"{by} acknowledges the alarm {event.alarm}"
         case events.SettingsChanged():

@@ -36,6 +36,7 @@ Role = Literal["look", "observe", "correct", "fly", "approve"]
 NAME = r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$(?!\n)"
 PRINTED = r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)"
 VISIBLE = r"^[!-~]+$(?!\n)"
+PHOTO = r"^([0-9a-f]{64}\.(jpg|png|webp))?$(?!\n)"
 ANY_VEHICLE, ONE_VEHICLE = r"^[\w-]*$(?!\n)", r"^[\w-]+$(?!\n)"
 FULL_HASH = r"^[0-9a-f]{64}$(?!\n)"
 LETTERS = r"^[bu.]*$(?!\n)"
@@ -47,6 +48,7 @@ PATTERNS = {
     ANY_VEHICLE: _OF_VEHICLE,
     ONE_VEHICLE: _OF_VEHICLE,
     FULL_HASH: "give all 64 digits of the hash, 0 to 9 and a to f",
+    PHOTO: "give the name of a photo that was sent to the route /photos",
     LETTERS: "give the letters b (burned), u (unburned) and . (not seen)",
 }
 
@@ -93,11 +95,11 @@ RasterRow = Annotated[
 # The vertical limits of a volume of airspace.
 FloorAmsl = Annotated[
     Annotated[float, Meta(ge=-1000, le=20_000)] | None,
-    Meta(description="Lower limit above mean sea level; without it: the ground."),
+    Meta(description="Lower limit above mean sea level; default: the ground."),
 ]
 CeilingAmsl = Annotated[
     Annotated[float, Meta(ge=-1000, le=20_000)] | None,
-    Meta(description="Upper limit above mean sea level; without it: no limit."),
+    Meta(description="Upper limit above mean sea level; default: no limit."),
 ]
 _MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 HASH = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"
@@ -151,7 +153,7 @@ def summary_of(kind: type[Request]) -> str:
 
 
 class Abort(Request, frozen=True):
-    """Stop at once: no further drop, and every vehicle holds. Accepted with any content."""
+    """Stop at once: no further drop, and every vehicle holds. Any content is accepted."""
 
     makes = events.Aborted
     role = "look"
@@ -313,7 +315,9 @@ class Raster(FireRequest, frozen=True):
         if not set("".join(self.rows)) - {"."}:
             raise RequestError("raster: no cell was seen; give b or u for at least one cell")
         if self.south_deg >= self.north_deg or self.west_deg >= self.east_deg:
-            raise RequestError("raster: north_deg must exceed south_deg, and east_deg west_deg")
+            raise RequestError(
+                "raster: north_deg must exceed south_deg, and east_deg must exceed west_deg"
+            )
         return events.RasterObserved(
             *self.user(at_us),
             *(self.south_deg, self.west_deg, self.north_deg, self.east_deg),
@@ -384,21 +388,28 @@ class Wind(FireRequest, frozen=True):
 
 
 class Note(Request, frozen=True):
-    """Add a note about a place to the log and to the map."""
+    """Add a note about a place, with or without a photo, to the log and to the map."""
 
     makes = events.NoteAdded
     role = "correct"
     path = "/{do}s"
-    example: ClassVar = {"text": "gate locked, key at the office", **PLACE}
+    example: ClassVar = {
+        "text": "gate locked, key at the office",
+        **PLACE,
+        "photo": f"{'5e' * 32}.jpg",
+    }
 
     text: Annotated[str, Meta(max_length=200, pattern=NAME)]
     lat_deg: Latitude
     lon_deg: Longitude
+    photo: Annotated[
+        str, Meta(pattern=PHOTO, description="The name of a photo that was sent to /photos.")
+    ] = ""
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return the event ``NoteAdded``."""
         place = self.lat_deg, self.lon_deg
-        return events.NoteAdded(*self.user(at_us), self.text.strip(), *place)
+        return events.NoteAdded(*self.user(at_us), self.text.strip(), *place, self.photo)
 
 
 class Close(Request, frozen=True):
@@ -425,7 +436,7 @@ class Close(Request, frozen=True):
     ceiling_amsl_m: CeilingAmsl = None
     for_s: Annotated[
         Annotated[float, Meta(gt=0, le=MAX_DURATION_S)] | None,
-        Meta(description="Time after which the volume opens; without it: when it is opened."),
+        Meta(description="Time after which the volume opens; default: an operator opens it."),
     ] = None
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
@@ -465,8 +476,9 @@ class Clear(Request, frozen=True):
         Meta(
             max_length=80,
             pattern=PRINTED,
-            description="Name of the volume that vehicles leave: closed by corners; without "
-            "corners it is closed already. Empty: all vehicles land at home.",
+            description="Name of the volume that vehicles leave. With corners the request closes "
+            "the volume; without corners it must be closed already. Empty: all vehicles land at "
+            "home.",
         ),
     ] = ""
     corners: Annotated[

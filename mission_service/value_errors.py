@@ -48,8 +48,8 @@ def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
     Args:
         error: The ValidationError, OverflowError or UnicodeError of ``msgspec.convert``.
         kind: The type that was expected.
-        value: The whole value, of which the text shows the refused part. By default, the text
-            shows no value.
+        value: The whole value; the text shows only the refused part. By default, the text shows no
+            value.
 
     Returns:
         One line without the name of a type: "speed_m_s: give a number from 0 to 150 (got -3)".

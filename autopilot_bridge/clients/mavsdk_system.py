@@ -1,4 +1,4 @@
-"""Runs MAVSDK in this process, connects it to a vehicle by raw bytes, calls MAVSDK functions."""
+"""Runs MAVSDK in this process, passes raw bytes to it, and calls its functions."""
 
 import asyncio
 from collections.abc import Callable, Coroutine

@@ -84,6 +84,7 @@ class NativeClient:
         self._events: deque[ClientEvent] = deque()
         self._heartbeats = shared is None
         self._heartbeat_due_us = 0
+        self._due_us: int | None = None  # result of ``next_timer`` until the state changes
         self._rates = MessageRates(self._own, rates_hz)
         self._commanded_modes = CommandedModes()
         self._jobs = TransferQueue(self._own, self._timing, self._report, self._commanded_modes)
@@ -153,6 +154,7 @@ class NativeClient:
 
     def cancel(self, transfer_id: int, now_us: int) -> None:
         """Cancel a transfer; TransferFinished follows when the autopilot has ended the transfer."""
+        self._due_us = None
         self._send(*self._jobs.cancel(transfer_id, self._connected_stack(), now_us))
         self._advance(now_us)
 
@@ -162,6 +164,7 @@ class NativeClient:
         Commands run in sequence; an urgent command first ends all others. Raises BridgeError if an
         argument is out of range, or if the stack has no such command.
         """
+        self._due_us = None
         order, stack, position = orders.order_named(name), self._connected_stack(), self.position
         altitude_m = None if position is None else position.altitude_amsl_m
         mode = stack.mode_name(self.custom_mode)
@@ -183,6 +186,7 @@ class NativeClient:
         The command is sent once, before queued commands, and never repeated. A drop that cannot be
         sent at once is refused. Raises BridgeError if the stack does not support the dropper.
         """
+        self._due_us = None
         lost = self._monitor.next_timer() is None
         drop_id, messages = self._drops.drop(
             self._connected_stack(), dropper, self._target(), lost, now_us
@@ -210,6 +214,7 @@ class NativeClient:
         return self._send_request(self._parameters.set(name, value, self._target(), stack), now_us)
 
     def _send_request(self, request_id: int, now_us: int) -> int:
+        self._due_us = None
         self._send(*self._parameters.start_next(now_us))
         return request_id
 
@@ -227,6 +232,7 @@ class NativeClient:
 
     def receive_message(self, message: Message, now_us: int, link: int = 0) -> None:
         """Process a message from any sender on a link, which is numbered if there are several."""
+        self._due_us = None
         kind = message.get_type()
         is_from_vehicle = self._from_vehicle(message)
         if self.links is not None and message.get_srcSystem() == self._target_system:
@@ -261,6 +267,8 @@ class NativeClient:
 
     def data_to_send(self) -> list[bytes]:
         """Remove and return the datagrams to send, in order."""
+        if not self._outgoing:
+            return []
         outgoing, self._outgoing = self._outgoing, []
         return [self._codec.encode(message) for message in outgoing]
 
@@ -274,6 +282,11 @@ class NativeClient:
 
     def next_timer(self) -> int:
         """Return the time of the next ``handle_timer`` call."""
+        if self._due_us is None or self.links is not None:  # other clients use the links too
+            self._due_us = self._earliest_timer()
+        return self._due_us
+
+    def _earliest_timer(self) -> int:
         lost_us = self._monitor.next_timer()
         timers = (
             self._heartbeat_due_us if self._heartbeats else NEVER_US,
@@ -295,6 +308,7 @@ class NativeClient:
         idle = self._jobs.idle and self._commands.idle and self._parameters.idle
         if idle and now_us < self.next_timer():
             return
+        self._due_us = None
         if self.links is not None:
             self._check_links(self.links, not idle, now_us)
         if self._heartbeats and now_us >= self._heartbeat_due_us:
@@ -333,8 +347,8 @@ class NativeClient:
             if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
                 return False
             self._target_system = message.get_srcSystem()
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        return source == (self._target_system, AUTOPILOT)
+        header = message.get_header()
+        return bool(header.srcSystem == self._target_system and header.srcComponent == AUTOPILOT)
 
     def _receive_component(self, message: Message, now_us: int) -> None:
         """Process a message of a camera, gimbal or ADS-B receiver, which may be a component."""
@@ -389,6 +403,7 @@ class NativeClient:
     # Transfers ----------------------------------------------------------------------------------
 
     def _add(self, job: Job, now_us: int) -> int:
+        self._due_us = None
         transfer_id = self._jobs.enqueue(job, now_us)
         self._advance(now_us)
         return transfer_id

@@ -72,11 +72,11 @@ class Codec:
         message has one.
         """
         mav = self._mav
-        mav.srcComponent = getattr(message, "from_component", self._component_id)
-        own_pack = "pack" in message.__dict__  # the message has extension fields
-        if message.get_msgId() in _NUMERIC and not own_pack:
-            frame = _encode_numeric(message, (mav.seq, mav.srcSystem, mav.srcComponent))
+        component_id = getattr(message, "from_component", self._component_id)
+        if message.get_msgId() in _NUMERIC:
+            frame = _encode_numeric(message, (mav.seq, mav.srcSystem, component_id))
         else:
+            mav.srcComponent = component_id
             frame = bytes(message.pack(mav, force_mavlink1=False))
         mav.seq = (mav.seq + 1) % 256
         return frame
@@ -87,8 +87,7 @@ class Codec:
 
     def decode_frames(self, frames: list[bytes]) -> list[Message]:
         """Return the messages in complete frames whose checksums have been verified."""
-        messages = [self._message(frame) for frame in frames]
-        return [message for message in messages if message is not None]
+        return [message for frame in frames if (message := self._message(frame)) is not None]
 
     def _message(self, frame: bytes) -> Message | None:
         message_id = message_id_of(frame)
@@ -110,7 +109,8 @@ def _encode_numeric(message: Message, sent: tuple[int, int, int]) -> bytes:
     """
     message_id = message.get_msgId()  # not named ``id``, because some messages have a field ``id``
     values = _VALUES_OF[message_id](message)
-    payload = message.unpacker.pack(*values).rstrip(b"\0") or b"\0"
+    payload = message.unpacker.pack(*values) + getattr(message, "extension_bytes", b"")
+    payload = payload.rstrip(b"\0") or b"\0"
     low, high = message_id & 0xFFFF, message_id >> 16
     body = _HEADER_V2.pack(V2, len(payload), 0, 0, *sent, low, high) + payload
     crc: int = checksum(body[1:], message_id)

@@ -9,12 +9,5 @@ def with_extension(message: Message, *ids: int) -> Message:
     """Return a message with ``ids`` appended as uint32 fields, which older decoders ignore."""
     if not any(ids):
         return message
-    payload = message.unpacker.pack(*(getattr(message, n) for n in message.ordered_fieldnames))
-    extended = payload + struct.pack(f"<{len(ids)}I", *ids)
-
-    def pack(mav: Message, force_mavlink1: bool = False) -> bytes:
-        frame: bytes = message._pack(mav, message.crc_extra, extended, force_mavlink1)
-        return frame
-
-    message.pack = pack
+    message.extension_bytes = struct.pack(f"<{len(ids)}I", *ids)
     return message

@@ -83,11 +83,11 @@ def _scan(data: bytes, next_at: int, complete: bool) -> tuple[list[bytes], int, 
     return frames, at, next_at - at
 
 
-def message_id_of(frame: bytes) -> int:
-    """Return the message id of a frame."""
-    if frame[0] == V2:
-        return frame[7] | frame[8] << 8 | frame[9] << 16
-    return frame[5]
+def message_id_of(data: bytes, at: int = 0) -> int:
+    """Return the message id of the frame that begins at an offset in ``data``."""
+    if data[at] == V2:
+        return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+    return data[at + 5]
 
 
 def source_of(frame: bytes) -> tuple[int, int]:
@@ -146,7 +146,7 @@ def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
         length += SIGNATURE_BYTES if flags else 0
     if have < header:
         return None
-    message_id = message_id_of(data[at : at + header])
+    message_id = message_id_of(data, at)
     definition = _DIALECT.get(message_id)
     if definition is not None and header == 6 and payload > definition[0]:
         return 0  # too long for a MAVLink 1 payload: probably noise

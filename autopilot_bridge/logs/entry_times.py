@@ -74,7 +74,7 @@ class FlightTime:
         return self._latest_us
 
     def _by_boot(self, system: int, boot_us: int, expected_us: int) -> int:
-        """Return the flight time by a system's offset.
+        """Return the flight time of a time since boot, by the stored offset of the system.
 
         A reboot, a pause or noise resets the offset.
         """

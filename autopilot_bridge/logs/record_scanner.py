@@ -15,7 +15,7 @@ Message = tuple[str, Values]  # name, and values by column
 
 
 def chunks(path: Path) -> Iterator[bytes]:
-    """Yield the bytes of a file, in order. Raises BridgeError if it cannot be read."""
+    """Yield the bytes of a file, in order. Raises BridgeError for an unreadable file."""
     try:
         with path.open("rb", buffering=0) as file:
             while chunk := file.read(CHUNK_BYTES):

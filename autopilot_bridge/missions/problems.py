@@ -13,8 +13,9 @@ class Problem:
     """One problem of a mission for one stack.
 
     The kind states what the autopilot does. ``refused``: it rejects the item. ``dangerous``: it
-    accepts the item and does something else. ``dropped``: it accepts the item and never executes
-    it. ``changed``: it stores another value. ``index`` is None for a problem of the whole mission.
+    accepts the item, but executes it differently. ``dropped``: it accepts the item, but never
+    executes it. ``changed``: it stores another value. ``index`` is None for a problem of the whole
+    mission.
     """
 
     kind: Kind

@@ -6,9 +6,9 @@
   they are requested. A repeated request means that a message was lost; from then on each item is
   sent only on request
 - any --MISSION_ACK--> ended
-- sending --MISSION_ERROR--> sending, and ended after a timeout: the error may be the reply to a
-  duplicate (PX4: of MISSION_COUNT, ArduPilot: of the last item); in this case the transfer
-  continues or has succeeded
+- counted or sending --MISSION_ERROR--> the same, and ended after a timeout: the error may be the
+  reply to a duplicate (PX4: of MISSION_COUNT, or of an item of the transfer before; ArduPilot: of
+  the last item); in this case the transfer continues or has succeeded
 - sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: the plan is on
   board
 - any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
@@ -155,7 +155,7 @@ class MissionUpload(Exchange):
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return
-        if code == mavlink.MAV_MISSION_ERROR and self._state == "sending":
+        if code == mavlink.MAV_MISSION_ERROR and self._state != "cancelling":
             self._possible_refusal = rejected(code, self._requested_seq)
             self._deadline_us = now_us + self._timing.timeout_us
         elif code != mavlink.MAV_MISSION_ACCEPTED:

@@ -162,6 +162,8 @@ class MockAutopilot:
 
     def channel_data_to_send(self) -> list[tuple[int, bytes]]:
         """Remove and return the datagrams to send, each with its channel."""
+        if not self._outgoing:
+            return []
         outgoing, self._outgoing = self._outgoing, []
         every = range(len(self._codecs))
         return [
@@ -173,8 +175,11 @@ class MockAutopilot:
     def next_timer(self) -> int:
         """Return the time of the next step or of the next repeated request."""
         step_us = 0 if self._boot_us is None else self._boot_us + (self._steps + 1) * STEP_US
-        timers = (step_us, self.missions.next_timer(), self.ftp.next_timer())
-        return min(timer for timer in timers if timer is not None)
+        due_us = step_us
+        for timer_us in (self.missions.next_timer(), self.ftp.next_timer()):
+            if timer_us is not None and timer_us < due_us:
+                due_us = timer_us
+        return due_us
 
     def handle_timer(self, now_us: int) -> None:
         """Simulate the flight until now and send the messages that are due."""

@@ -102,8 +102,8 @@ class FailsafeReaction(NamedTuple):
 class GroundStationLink:
     """The autopilot's monitor of the heartbeats of ground stations.
 
-    ``value`` returns the value of a parameter. SmartRTL has no path, as without its parameters, and
-    no parachute is fitted. Sources: those of ``stacks/link_loss.py``.
+    ``value`` returns the value of a parameter. SmartRTL never has a path, and no parachute is
+    fitted. The sources are named in ``stacks/link_loss.py``.
     """
 
     def __init__(self, stack: Stack, value: Callable[[str], float]) -> None:

@@ -497,7 +497,7 @@ class FlightModel(Body):
         return max(self.motion.altitude_m, self.frame.altitude_m + (self.returns.height_m or 0.0))
 
     def _begin_return(self) -> None:
-        """Set the speed of the parameters, and the place where a multirotor has stopped.
+        """Set the return speed from the parameters, and the place where a multirotor has stopped.
 
         Planes keep the calibrated airspeed; the limits contain the true airspeed.
         """

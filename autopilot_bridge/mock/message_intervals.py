@@ -33,6 +33,7 @@ _PX4 = {
     **dict.fromkeys((SYS_STATUS, BATTERY_STATUS, GPS, WIND_COV, SERVOS, LANDED, ESTIMATOR), 1.0),
     GIMBAL: 0.0,
 }
+CYCLE_STEPS = 80  # a multiple of the usual intervals, after which the due messages repeat
 _COPTER_MESSAGES = tuple(_PLANE)
 
 
@@ -41,6 +42,7 @@ class Intervals:
 
     def __init__(self, stack: Stack) -> None:
         self._every: dict[int, int] = {}
+        self._due: dict[int, list[int]] = {}  # by step, within one cycle of all intervals
         if stack.name == "px4":
             hz = _PX4
         else:
@@ -51,6 +53,7 @@ class Intervals:
 
     def set(self, message_id: int, interval_us: float) -> None:
         """Set the interval of a message: 0 is the default rate, -1 switches the message off."""
+        self._due.clear()
         if interval_us == 0.0:
             self._every[message_id] = self._default.get(message_id, 0)
         elif interval_us < 0.0:
@@ -66,6 +69,7 @@ class Intervals:
     def reset(self) -> None:
         """Restore the default rates, as a restart does."""
         self._every = dict(self._default)
+        self._due.clear()
 
     def has_message(self, message_id: int) -> bool:
         """Return whether the mock has this message."""
@@ -73,4 +77,9 @@ class Intervals:
 
     def due_in(self, step: int) -> list[int]:
         """Return the ids of the messages that are due in a step."""
-        return [key for key, every in self._every.items() if every and not step % every]
+        due = self._due.get(step % CYCLE_STEPS)
+        if due is None:
+            due = [key for key, every in self._every.items() if every and not step % every]
+            if all(CYCLE_STEPS % every == 0 for every in self._every.values() if every):
+                self._due[step % CYCLE_STEPS] = due
+        return due

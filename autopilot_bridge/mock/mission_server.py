@@ -97,7 +97,7 @@ class MissionServer(ABC):
 
 
 def on_channel(channel: int, messages: list[Message]) -> list[Message]:
-    """Return messages of which those to a ground station are sent on one channel."""
+    """Return the messages; those to a ground station are sent on one channel."""
     for message in messages:
         if hasattr(message, "target_system"):
             message.channel = channel

@@ -98,7 +98,7 @@ def _of_limits(stack: Stack, limits: Limits) -> dict[str, float]:
 class ParameterServer:
     """The parameters of one mock; requests with unknown names get no reply.
 
-    The parameters of the return have the values that lead to the mock's ``limits``.
+    The parameters of the return agree with the mock's ``limits``.
     """
 
     def __init__(self, stack: Stack, limits: Limits) -> None:

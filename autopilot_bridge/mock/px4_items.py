@@ -115,11 +115,8 @@ def missing_item(items: list[MissionItem], required: int) -> str | None:
 
     ``required`` is 1 for a takeoff, 2 for a landing, 3 for both.
     """
-    commands = [item.command for item in items]
-    takeoff = any(command in TAKEOFFS for command in commands)
-    landing = any(command in LANDINGS for command in commands)
-    if required in (1, 3) and not takeoff:
+    if required in (1, 3) and not any(item.command in TAKEOFFS for item in items):
         return "Takeoff waypoint required"
-    if required in (2, 3) and not landing:
+    if required in (2, 3) and not any(item.command in LANDINGS for item in items):
         return "Landing waypoint/pattern required"
     return None

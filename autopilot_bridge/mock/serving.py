@@ -117,9 +117,9 @@ async def serve(
 ) -> None:
     """Run a mock or a group on a link until cancelled; ``clock`` returns real microseconds.
 
-    A ``ChannelGroup`` has several links. It does not receive keys from SETUP_SIGNING.
-    ``opened`` is called when the link is open. If ``learns`` is given, a group signs with the keys
-    that it receives; ``learns`` returns the ``Signing`` object for a key.
+    A ``ChannelGroup`` has several links, and does not receive keys from SETUP_SIGNING. ``opened``
+    is called when the link is open. If ``learns`` is given, a group signs with the keys that it
+    receives; ``learns`` returns the ``Signing`` object for a key.
     """
     began_us = clock()
 

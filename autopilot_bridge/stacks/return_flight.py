@@ -30,7 +30,8 @@ class ReturnFlight(NamedTuple):
     """How a vehicle returns by its parameters; None if the parameter was not read.
 
     ``speed_m_s`` is over the ground for multirotors, and the calibrated airspeed of planes.
-    ``height_m`` is above home, and None also if the autopilot returns at its current height.
+    ``height_m`` is above home, and None also if the autopilot returns at its current height, which
+    ``at_current_height`` states.
     ``bank_deg`` is the limit of PX4 planes, with which they turn; ArduPlane turns less sharply
     than its limit. ``to_landing`` is whether PX4 returns to the landing at the end of its mission,
     if there is one, instead of its home.
@@ -42,6 +43,7 @@ class ReturnFlight(NamedTuple):
     acceleration_m_s2: float | None = None
     bank_deg: float | None = None
     to_landing: bool = False
+    at_current_height: bool = False
 
 
 UNREAD = ReturnFlight()
@@ -69,7 +71,8 @@ def return_flight_of(stack: Stack, values: Mapping[str, float]) -> ReturnFlight:
         speed_m_s, climb_m_s = values.get("MPC_XY_CRUISE"), values.get("MPC_Z_V_AUTO_UP")
         return ReturnFlight(speed_m_s, height_m, climb_m_s, values.get("MPC_ACC_HOR"))
     if stack.vehicle == "plane":
-        return ReturnFlight(values.get("AIRSPEED_CRUISE"), height_m)
+        current = values.get("RTL_ALTITUDE", 0.0) < 0.0
+        return ReturnFlight(values.get("AIRSPEED_CRUISE"), height_m, at_current_height=current)
     speed_cm_s = values.get("RTL_SPEED")
     if speed_cm_s == 0.0:
         speed_cm_s = values.get("WPNAV_SPEED")

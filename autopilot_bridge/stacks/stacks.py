@@ -212,7 +212,8 @@ def kind_parameters(stack: Stack) -> tuple[str, ...]:
 def kind_of(stack: Stack, values: Mapping[str, float]) -> str:
     """Return the kind of a vehicle by its parameters, because ArduPlane's heartbeat may hide it.
 
-    ``values`` are those of ``kind_parameters(stack)`` by name; without them the stack counts.
+    ``values`` are those of ``kind_parameters(stack)`` by name; without them the kind is that of the
+    stack.
     """
     enabled = values.get("Q_ENABLE") if kind_parameters(stack) else None
     if enabled is None:

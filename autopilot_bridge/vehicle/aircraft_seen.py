@@ -33,7 +33,8 @@ class AircraftSeen:
 
 
 def aircraft_seen(message: Message, at_us: int) -> AircraftSeen | None:
-    """Decode an ADSB_VEHICLE; return None without a position and an altitude, or for a simulation.
+    """Decode an ADSB_VEHICLE; return None without a position and an altitude, or for a simulated
+    one.
 
     ``ADSB_FLAGS_SIMULATED`` marks aircraft of a test; ``at_us`` is the time of reception.
     """

@@ -1,6 +1,9 @@
 """Defines the events of a vehicle's client; ``at_us`` is the detection time by the link's clock."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from operator import attrgetter
 from typing import ClassVar, Literal
 
 from autopilot_bridge.missions.transfer import Kind, TransferResult
@@ -110,9 +113,14 @@ class Status:
 
     __slots__: tuple[str, ...] = ()
 
-    def without_time(self) -> tuple[object, ...]:
-        """Return the fields whose changes are reported."""
-        return tuple(getattr(self, name) for name in self.__slots__ if name != "at_us")
+    def without_time(self) -> object:
+        """Return the values of all fields but ``at_us``; a change of these values is an event."""
+        return _reported_fields(self.__slots__)(self)
+
+
+@cache
+def _reported_fields(names: tuple[str, ...]) -> Callable[[Status], object]:
+    return attrgetter(*(name for name in names if name != "at_us"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ any --no frame for ``SILENT_US``--> silent --frame--> up
 
 The loss is measured by gaps in the sequence numbers of the vehicle's frames, over ``WINDOW_US``:
 autopilots number the frames of each of their telemetry ports separately (ArduPilot and PX4), and
-routers forward the numbers unchanged. It is the loss from the vehicle to this station only; the
-loss in the other direction is unknown.
+routers forward the numbers unchanged. The measured loss is that from the vehicle to this station
+only; the loss in the other direction is unknown.
 
 The links have an order of preference. A silent link is left at once, and a degraded link as soon as
 another link is better. A link of higher preference is used again after it has been up for

@@ -43,9 +43,10 @@ RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
     mavlink.MAVLINK_MSG_ID_WIND: 0.2,
     mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,
+    # Until its landing is reported, an order to hold would lift a landed vehicle off.
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 4.0,
     # Reports of failures must arrive within two seconds.
     mavlink.MAVLINK_MSG_ID_VFR_HUD: 2.0,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
     mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,

@@ -137,8 +137,7 @@ class VehicleMonitor:
                 self._estimate_healthy = event.healthy
                 self._settled = event.healthy or bool(self._settled)
             events.append(event)
-        events += self._state(message, now_us)
-        return events
+        return [*events, *self._state(message, now_us)]
 
     def _time_judged(self, verdict: TimeVerdict, ahead_us: int, now_us: int) -> list[ClientEvent]:
         if verdict == "back":  # a restart, unless later messages continue from the old time

@@ -175,7 +175,7 @@ class Changes:
         self._last: dict[tuple[str, int], ReportedOnChange] = {}
 
     def has(self, event: ReportedOnChange) -> bool:
-        """Return whether a state differs from the last reported one of its kind, and store it.
+        """Store a state; return whether it differs from the last reported one of its kind.
 
         The state of a battery is reported again every ``BATTERY_EVERY_US``: an unchanged charge
         shows that the battery does not discharge, which missing reports do not.

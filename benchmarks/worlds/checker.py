@@ -5,8 +5,8 @@ A violation is
 - a commanded position, leg or loiter nearer to a closed volume than the margin: missions, starts,
   orbits, holds at a place, go-arounds and returns, with the leg from the vehicle's position,
 - a position or a leg above the altitude limit,
-- a commanded altitude lower above the ground than ordered by the scenario, except takeoff and
-  landing,
+- a commanded height above the ground below that of the scenario, except in takeoff and landing,
+- a commanded return less than 10 m above the ground on the straight way home,
 - a vehicle that enters a closed volume, if it was far away when the volume closed, and no operator
   has ordered a hold or an abort beside the volume,
 - a vehicle in a closed volume that gets no command for ``REACTS_S``,

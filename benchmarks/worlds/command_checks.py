@@ -14,11 +14,12 @@ from benchmarks.worlds.rules import ROUNDING_M, Flown, Line, Position, Rules
 TERRAIN_M = 4.0  # the service knows the ground on a grid
 RETURN_ABOVE_M = 150.0  # returns may use any altitude up to this height above home
 SAMPLE_M = 25.0
-ON_THE_WAY_OUT = ("leave closed airspace", "fly home around closed airspace")
+ON_THE_WAY_OUT = ("leave closed airspace", "fly home clear of closed airspace and terrain")
 CHANGES_FLIGHT = ("UploadMission", "Hold", "HoldAt", "Return", "GoAround")
 WAYPOINT, LOITER, LAND, TAKEOFF, LOITER_TO_ALT = 16, 17, 21, 22, 31
 RELATIVE_FRAMES = (3, 6)
 LANDING_CLEARANCE_M = 30.0
+RETURN_CLEARANCE_M, LANDS_BELOW_M = 10.0, 15.0
 
 
 class Item(NamedTuple):
@@ -72,7 +73,8 @@ class CommandChecks:
     def _items(self, name: str, command: Line) -> list[Item]:
         """Return the positions that are flown in a mission, up to its unlimited loiter."""
         found = []
-        home = self.rules.kinds[name].home
+        kind = self.rules.kinds[name]
+        home = kind.home
         for item in command["items"]:
             number = item["command"]
             if number not in (WAYPOINT, LOITER, LAND, TAKEOFF, LOITER_TO_ALT):
@@ -80,7 +82,8 @@ class CommandChecks:
             place = plane_m(item["x"] / 1e7, item["y"] / 1e7)
             altitude_m = item["z"] + (home[2] if item["frame"] in RELATIVE_FRAMES else 0.0)
             radius_key = {LOITER: "param3", LOITER_TO_ALT: "param2"}.get(number, "")
-            radius_m = abs(item.get(radius_key, 0.0))
+            # Multirotors of both stacks hover at a loiter.
+            radius_m = abs(item.get(radius_key, 0.0)) if kind.plane else 0.0
             found.append(Item(number, (*place, altitude_m), radius_m))
             if number == LOITER:
                 break
@@ -205,7 +208,7 @@ class CommandChecks:
         )
 
     def _floor(self, name: str, flown: Flown, command: Line) -> list[str]:
-        """Return where a mission is lower above the ground than the scenario orders.
+        """Return where the height of a mission above the ground is below that of the scenario.
 
         A vehicle may leave a volume without a climb, at 30 m or more above the ground.
         """
@@ -217,7 +220,7 @@ class CommandChecks:
         for one, other in itertools.pairwise(items):
             if one.command == TAKEOFF or other.command in (LAND, LOITER_TO_ALT):
                 continue
-            if one.command in (LAND, LOITER_TO_ALT):
+            if command["lands"] and one.command in (LAND, LOITER_TO_ALT):
                 break  # a go-around climbs ahead
             ground_m = self._grounds_m(one.position, other.position)
             share = np.linspace(0.0, 1.0, len(ground_m))
@@ -237,14 +240,17 @@ class CommandChecks:
         return found
 
     def _circle_m(self, position: Position, radius_m: float) -> float:
-        """Return the least height above the ground on a circle and at its centre."""
+        """Return the lowest height above the ground on a circle and at its centre."""
         turns = np.linspace(0.0, math.tau, 36)
         east_m = np.append(position[0] + radius_m * np.sin(turns), position[0])
         north_m = np.append(position[1] + radius_m * np.cos(turns), position[1])
         return position[2] - float(np.max(self.rules.terrain.ground_m(east_m, north_m)))
 
     def _return(self, name: str, flown: Flown) -> list[str]:
-        """Return the closed volumes on the straight way home."""
+        """Return the closed volumes on the straight way home, and whether the ground is near.
+
+        The autopilots of light worlds return at the altitude of the vehicle.
+        """
         start = flown.position
         if start is None or not flown.airborne or not flown.led:
             return []
@@ -256,7 +262,11 @@ class CommandChecks:
             if volume.counts(self._at_s) and margin_m > 0.0:
                 words = self._first_leg(name, volume, (*start[:2], high_m), home, margin_m)
                 found += [words] if words else []
-        return found
+        height_m = start[2] - home[2]
+        if flown.mode in ("return", "land") and height_m <= LANDS_BELOW_M:
+            return found
+        over_ground_m = start[2] - float(np.max(self._grounds_m(start, home)))
+        return found + _lower(over_ground_m, RETURN_CLEARANCE_M, "the straight way home")
 
     def _place(self, name: str, flown: Flown, command: Line) -> list[str]:
         """Return what is wrong with a hold, an orbit or a go-around at a place."""

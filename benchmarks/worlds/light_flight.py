@@ -108,7 +108,7 @@ def _planner(scenario: Scenario, section: VehicleSection, ground: Ground) -> Ran
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault to plant: changes of the scenario, of the landscape and of the core itself."""
+    """An injected fault: changes of the scenario, of the landscape and of the core itself."""
 
     name: str
     scenario: Callable[[Scenario], Scenario] = lambda scenario: scenario

@@ -1,4 +1,4 @@
-"""Faults that the checker of random worlds must find, planted in the core of a flight."""
+"""Faults that the checker of random worlds must find; they are injected into the core."""
 
 from dataclasses import replace
 
@@ -64,6 +64,11 @@ def _late(core: Core) -> None:
     core.airspace.watch = later  # type: ignore[method-assign]
 
 
+def _straight_home(core: Core) -> None:
+    """Do not compare returns with the ground."""
+    core.return_ground.obstacle = lambda *_: None  # type: ignore[method-assign]
+
+
 def _both(core: Core) -> None:
     _unchecked(core)
     _unwatched(core)
@@ -82,4 +87,5 @@ FAULTS = (
     Fault("lead time 0", scenario=lambda scenario: _with_airspace(scenario, lead_s=0.0)),
     Fault(f"missions {LOWER_M:.0f} m lower", scenario=_lower),
     Fault("terrain ignored", landscape=_level),
+    Fault("returns not compared with the ground", core=_straight_home),
 )

@@ -45,7 +45,7 @@ Random = np.random.Generator
 
 @dataclass(frozen=True)
 class Trouble:
-    """Something that befalls a vehicle between two mission times."""
+    """A disturbance of a vehicle between two mission times."""
 
     kind: TroubleKind
     vehicle: str
@@ -93,7 +93,7 @@ def world_of(seed: int) -> World:
         except ScenarioError:  # such as a home without an approach that is clear of the hills
             continue
         return world
-    raise ScenarioError(f"no world {seed} in {TRIES} tries")
+    raise ScenarioError(f"world {seed}: no valid world after {TRIES} attempts")
 
 
 @lru_cache(maxsize=4)

@@ -1,4 +1,4 @@
-"""What the checker of random worlds knows: the rules of a scenario, and the flights so far."""
+"""The data of the checker of random worlds: the rules of a scenario, and the flights so far."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ Position = tuple[float, float, float]  # east, north, altitude above mean sea le
 
 
 class Kind(NamedTuple):
-    """What the checker uses of a vehicle of the scenario."""
+    """The properties of a vehicle of the scenario that the checker uses."""
 
     plane: bool
     airspeed_m_s: float
@@ -27,7 +27,7 @@ class Kind(NamedTuple):
 
 @dataclass
 class Rules:
-    """What the flights of a world must comply with."""
+    """The rules with which the flights of a world must comply."""
 
     closed: list[Closed]
     margin_m: float
@@ -41,7 +41,7 @@ class Rules:
 
 @dataclass
 class Visit:
-    """What the checker keeps of one vehicle and one volume."""
+    """The record of the checker about one vehicle and one volume."""
 
     free: bool = False  # whether the vehicle has had the time to stay outside
     since_s: float = -math.inf  # time at which the vehicle was first inside, or led again

@@ -5,8 +5,8 @@
 The result is the archive that ``mission-service docs`` serves and every later wheel contains.
 
 The documents of the repository and the generated pages are copied to a temporary folder, where
-Sphinx reads them. They keep their paths, so that the links in them work here and on the
-repository's page. A warning is an error. With ``--notebooks off`` the notebooks have no outputs.
+Sphinx reads them. All pages keep their paths, so that their links work here and on the repository's
+page. A warning is an error. With ``--notebooks off`` the notebooks have no outputs.
 """
 
 import argparse

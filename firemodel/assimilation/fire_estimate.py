@@ -44,7 +44,6 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 from firemodel.spread.fire_scheme import Burning, Closing, Ignition
-from firemodel.spread.local_spread import burnable_codes
 
 BARRIER = 99  # fuel code of held cells
 MODEL_ERROR_M = 25.0  # standard deviation of distances caused by local errors of the fuel map
@@ -105,7 +104,7 @@ class FireEstimate:
         self.model = self._unlit(landscape)  # the members start from it
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._rng = np.random.default_rng((own.seed, 1))
-        fuels = len(burnable_codes(landscape))
+        fuels = len(landscape.burnable_codes)
         draws = latin_draws(own.uncertainty, own.seed, own.members, fuels)
         self.members = members_of(draws, weather.weather_at(0.0))
         self._prior = own.rate_prior
@@ -254,8 +253,8 @@ class FireEstimate:
         ``model`` may have other fuels than the landscape.
         """
         reported = self.weather.weather_at(self.time_s)
-        known = burnable_codes(self.landscape)
-        place = [known.index(code) for code in burnable_codes(model.landscape)]
+        known = self.landscape.burnable_codes
+        place = [known.index(code) for code in model.landscape.burnable_codes]
 
         def burned(number: int) -> MemberFire:
             factor, turn_deg = self.members.wind_change(number, reported)

@@ -73,7 +73,7 @@ def ground_behind(held: Mask, front: Mask) -> Mask:
         front: (y, x) unburned cells that touch burned cells.
 
     Returns:
-        The cells (y, x) within ``BEHIND_CELLS`` of a part of the front of which most cells are
+        The cells (y, x) within ``BEHIND_CELLS`` of a part of the front in which most cells are
         held. Each cell is assigned to the nearest cell of the front.
     """
     if not (held & front).any():

@@ -25,7 +25,6 @@ from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.front_rates import FrontRates
-from firemodel.spread.local_spread import burnable_codes
 from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 Integers = NDArray[np.int64]
@@ -70,7 +69,7 @@ class LearnedInputs:
         """Begin with the reported inputs."""
         self._landscape = landscape
         self._options = options
-        self._codes = np.array(burnable_codes(landscape))
+        self._codes = np.array(landscape.burnable_codes)
         rows, cols = landscape.shape
         self._side = max(BLOCK_CELLS, -(-max(rows, cols) // MAX_BLOCKS))
         self._blocks = (-(-rows // self._side), -(-cols // self._side))

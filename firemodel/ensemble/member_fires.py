@@ -6,6 +6,7 @@ which members are simulated in parallel because kernels release the GIL. The res
 on ``each``.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Self
 
@@ -21,9 +22,10 @@ from firemodel.spread.fire_scheme import Fire, Ignition
 from firemodel.spread.local_spread import (
     HEAT,
     Tables,
-    burnable_codes,
+    fuel_beds,
     perturbed,
     tables_of,
+    terms_of,
     terrain_of,
     window_of,
 )
@@ -56,21 +58,30 @@ class Start:
         """
         land, self.entries = fire.landscape, fire.weather_ahead()
         self.fire, self.ignitions = fire, tuple(ignitions)
-        self.fuels = len(burnable_codes(land))
+        self.fuels = len(land.burnable_codes)
+        self._beds = fuel_beds(land, self.entries)
         self._terrain = terrain_of(land, self.entries, fire.rate_options)
         self._tables = tables_of(land, self.entries, fire.rate_options)
         self._burnable = ~np.isin(land.fuel_model, list(NON_BURNABLE))
         self._burned = fire.burned()
         self._by_moisture: dict[float, tuple[Floats, Floats]] = {}
+        self._spare: deque[Fire] = deque()
 
     def member(self, draw: Draw, rng: np.random.Generator) -> Fire:
         """Return a member at the start; schemes with random numbers use ``rng``."""
-        fire = self.fire.copy()
+        try:
+            fire = self.fire.copy_over(self._spare.pop())
+        except IndexError:  # as many members as ever are in use
+            fire = self.fire.copy()
         fire.draw_from(rng)
         fire.perturb(draw.wind_factor, draw.turn_deg, self.rate_factors(draw))
         for row, col, at_s in self._moved(draw):
             fire.light(row, col, at_s)
         return fire
+
+    def reuse(self, fire: Fire) -> None:
+        """Use the arrays of a member for a later member; ``fire`` must not be used again."""
+        self._spare.append(fire)
 
     def window(self, fire: Fire, draw: Draw) -> Window:
         """Return the result of the member ``fire``, which was simulated with ``draw``."""
@@ -81,7 +92,7 @@ class Start:
         here = bounds_of(burned)
         arrival_s = np.where(burned[here], fire.arrival_time_s[here], np.inf)
         came_s = np.where(self._burned[here], np.inf, arrival_s)
-        paths = np.ascontiguousarray(fire.arrival_vectors()[:, *here])
+        paths = fire.arrival_vectors(here)
         share = np.broadcast_to(fire.rate_share(), burned.shape)[here]
         flame_m = self._flame_length_m(came_s, paths, share, here, draw)
         after_s = (arrival_s - self.fire.time_s).astype(np.float32)
@@ -109,6 +120,7 @@ class Start:
             self._wet(draw.moisture_factor)[1],
             window_of(self._terrain, self.fire.landscape.shape, here),
             changed._replace(terms=changed.terms[1:], wind=changed.wind[1:]),
+            directions=False,
         )
         intensity = intensity * share.ravel()
         return np.asarray(flame_length_m(intensity, crown), np.float32).reshape(came_s.shape)
@@ -132,7 +144,7 @@ class Start:
             land = self.fire.landscape
             entries = [entry.with_dead_moisture(factor) for entry in self.entries]
             dry = self._tables.terms[..., 0]
-            wet = tables_of(land, entries, self.fire.rate_options).terms
+            wet = terms_of(land, self._beds, entries, self.fire.rate_options)
             ratio = np.divide(wet[..., 0], dry, out=np.ones_like(dry), where=dry > 0.0)
             self._by_moisture[factor] = ratio, np.ascontiguousarray(wet[..., HEAT])
         return self._by_moisture[factor]
@@ -177,7 +189,9 @@ def burned_windows(
         rng = np.random.default_rng((seed, number + 1))
         fire = start.member(draws[number], rng)
         fire.advance(max(until_s, fire.time_s))
-        return start.window(fire, draws[number])
+        found = start.window(fire, draws[number])
+        start.reuse(fire)
+        return found
 
     return iter(each(burned, numbers))
 

@@ -1,4 +1,4 @@
-"""Combine grids of wind at several times with a weather stream."""
+"""Combine grids of wind, or directions from grid north, with a weather stream."""
 
 import math
 from bisect import bisect_right
@@ -58,6 +58,20 @@ def with_wind_stack(
         of_entries = (source.humidity_pct[weather.index_at(entry.at_s)] for entry in entries)
         source = source._replace(humidity_pct=tuple(of_entries))
     return WeatherStream(entries, source)
+
+
+def from_grid_north(weather: WeatherStream, landscape: Landscape) -> WeatherStream:
+    """Return a weather stream with its wind directions converted from grid north to true north.
+
+    The directions are in degrees clockwise. The convergence is that in the middle of the landscape.
+    """
+    return WeatherStream(
+        [
+            replace(entry, wind_from_deg=float(landscape.true_deg(entry.wind_from_deg)))
+            for entry in weather.entries
+        ],
+        weather.source,
+    )
 
 
 def _times(stack: WindStack, interval_s: float) -> Iterator[float]:

@@ -238,7 +238,10 @@ def in_text(found: Description) -> str:
         )
     if found.get("extent"):
         south, west, north, east = found["extent"]
-        lines.append(f"  lat {south:.5f} to {north:.5f}, lon {west:.5f} to {east:.5f}")
+        centre = f"{(south + north) / 2:.5f},{(west + east) / 2:.5f}"
+        lines.append(
+            f"  lat {south:.5f} to {north:.5f}, lon {west:.5f} to {east:.5f}, centre {centre}"
+        )
     if "features" in found:
         kinds = ", ".join(f"{count} {kind}" for kind, count in found["types"].items())
         count = found["features"]

@@ -260,6 +260,12 @@ class Landscape(NotebookObject):
         return FUEL_MODELS | dict(self.custom_fuels)
 
     @cached_property
+    def burnable_codes(self) -> tuple[int, ...]:
+        """The codes of the fuels on this landscape that burn, in ascending order."""
+        present = np.bincount(self.fuel_model.ravel()).nonzero()[0]
+        return tuple(int(code) for code in present if int(code) in self.fuels)
+
+    @cached_property
     def moisture_zones(self) -> MoistureZones:
         """The zones whose dead fuel has the same moisture; this landscape has an elevation."""
         assert self.elevation_m is not None

@@ -87,8 +87,8 @@ def _stick_moistures(
     """Return the dead moistures of zones at each record.
 
     ``rows`` is an array (2 + 3 zones, records) of times and rain, and for each zone temperatures,
-    humidities and sunlight. It is the key of the cache, because the parts of a program read the
-    same weather several times.
+    humidities and sunlight. The array is the key of the cache, because the parts of a program read
+    the same weather several times.
     """
     (at_s, rain_cm), zones = np.split(np.frombuffer(rows).reshape(-1, records), [2])
     found = [

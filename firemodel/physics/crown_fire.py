@@ -103,8 +103,9 @@ def torching_wind_m_s(
 ) -> float:
     """Return the wind at 20 ft at which the surface fire ignites crowns (Scott & Reinhardt 2001).
 
-    The wind is the torching index. It is 0 if crowns ignite without wind, and infinity if no wind
-    suffices. Effects of wind and slope are added as vectors, as in ``rothermel.fastest_spread``.
+    This wind is the torching index. The index is 0 if crowns ignite without wind, and infinity if
+    no wind suffices. Effects of wind and slope are added as vectors, as in
+    ``rothermel.fastest_spread``.
 
     Args:
         initiation_m_s: Rate of the surface fire at which crowns ignite.

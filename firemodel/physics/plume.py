@@ -55,8 +55,8 @@ def warm_height_m(intensity_kw_m: Any, wind_m_s: Any, max_warming_k: Any) -> Flo
 def updraught_m_s(intensity_kw_m: Any) -> Floats:
     """Return the vertical wind at the centre of the plume of a line of fire in calm, neutral air.
 
-    It does not depend on the height (Rouse et al. 1952). The whole heat of the fire is assumed to
-    heat the air; if 30 % of it is radiated, the result is 11 % lower.
+    This wind does not depend on the height (Rouse et al. 1952). The whole heat of the fire is
+    assumed to heat the air; if 30 % of it is radiated, the result is 11 % lower.
     """
     heat = np.asarray(intensity_kw_m, dtype=np.float64) / (AIR_KG_M3 * AIR_KJ_KG_K * AIR_K)
     return np.asarray(UPDRAUGHT * np.cbrt(GRAVITY_M_S2 * heat))

@@ -61,7 +61,7 @@ def cover_height_ft(firebrand_height_ft: float, cover_ft: float) -> float:
 def flat_distance_m(firebrand_height_m: float, cover_m: float, wind_20ft_m_s: float) -> float:
     """Return the distance over flat ground from the height of a firebrand (Albini 1979).
 
-    The trees downwind have the height ``cover_m``; half of it where they are open.
+    ``cover_m`` is the height of the trees downwind; for open stands, give half of the height.
     """
     height_ft = firebrand_height_m / M_PER_FT
     cover_ft = cover_height_ft(height_ft, cover_m / M_PER_FT)
@@ -245,8 +245,8 @@ def crown_loft(plume: Plume, eta: float) -> tuple[float, float]:
 def crown_distance_m(canopy_m: float, intensity_kw_m: float, wind_20ft_m_s: float) -> float:
     """Return the distance over flat ground from an active crown fire.
 
-    The trees have the height ``canopy_m``, half of it where they are open downwind. The distance
-    is 0 below ``MIN_CROWN_KW_M``.
+    ``canopy_m`` is the height of the trees; for open stands downwind, give half of the height. The
+    distance is 0 below ``MIN_CROWN_KW_M``.
     """
     if canopy_m <= 0.1 or wind_20ft_m_s <= 0.1 / 3.6 or intensity_kw_m < MIN_CROWN_KW_M:
         return 0.0

@@ -119,8 +119,8 @@ def wet_surface(nodes, surface, air, rain, step_h, pressure, terms):  # type: ig
     """Set temperature, moisture and saturation of the surface in one pass.
 
     ``rain`` is the gain of moisture in this pass, or negative without rain. ``surface`` gets the
-    moisture of fibre saturation and the humidity at the surface. The result is True if nothing
-    changes, the kinematic viscosity, and the moisture that the pores can take up.
+    moisture of fibre saturation and the humidity at the surface. The results are: True if nothing
+    changes; the kinematic viscosity; the moisture that the pores can take up.
     """
     air_k = air.temperature_c + KELVIN
     dew_k = 5205.0 / (5205.0 / air_k - math.log(air.humidity))

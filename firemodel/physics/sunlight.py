@@ -1,9 +1,10 @@
 """Compute the sunlight on sloping ground below clouds and trees.
 
-The light of a clear sky is the direct beam, weakened by the air on its way, and the light of the
-sky (Liu & Jordan 1960, Solar Energy 4(3), 1-19; as in Campbell & Norman 1998, ch. 11). Clouds
-reduce both (Kasten & Czeplak 1980, Solar Energy 24, 177-189), and so do crowns, in proportion to
-the canopy cover. Ridges that hide the sun are not considered.
+The sunlight under a clear sky is the sum of the direct beam, weakened by the air, and the diffuse
+light of the sky (Liu & Jordan 1960, Solar Energy 4(3), 1-19; as in Campbell & Norman 1998, ch. 11).
+Clouds reduce the beam and the diffuse light (Kasten & Czeplak 1980, Solar Energy 24, 177-189).
+Crowns reduce the sunlight in proportion to the canopy cover. Ridges that hide the sun are not
+considered.
 """
 
 from datetime import datetime

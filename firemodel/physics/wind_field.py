@@ -106,8 +106,8 @@ class WindField:
 def response_field(grids: WindGrids, toward_grid_deg: float) -> WindField:
     """Return the field of an entry's wind in this direction from the responses of the terrain.
 
-    The two grids are the local wind for an entry's wind of 1 m/s toward grid north, and toward
-    grid east. The local wind for other directions is a sum of both.
+    The two grids are the local wind for an entry's wind of 1 m/s toward grid north, and toward grid
+    east. The local wind for other directions is a sum of the two local winds.
     """
     toward = cmath.rect(1.0, math.radians(toward_grid_deg))
     parts = ((0, toward.real / toward), (1, toward.imag / toward))

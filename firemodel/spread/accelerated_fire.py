@@ -18,7 +18,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from firemodel.arrays import Floats, Mask
+from firemodel.arrays import WHOLE, Floats, Mask, Place
 from firemodel.compiled import compiled, kernel
 from firemodel.physics import acceleration
 from firemodel.physics.acceleration import LINE_PER_S, POINT_PER_S
@@ -180,11 +180,12 @@ class AcceleratedFire(Fire):
             self._fires.append(ClockedFire(fire, clock, np.zeros_like(lit)))
             self._advance(len(self._fires) - 1, at_s)
 
-    def arrival_vectors(self) -> Floats:
-        found = np.zeros((2, *self.landscape.shape))
+    def arrival_vectors(self, here: Place = WHOLE) -> Floats:
+        owner = self._owner[here]
+        found = np.zeros((2, *owner.shape))
         for number, each in enumerate(self._fires):
-            own = self._owner == number
-            found[:, own] = each.fire.arrival_vectors()[:, own]
+            own = owner == number
+            found[:, own] = each.fire.arrival_vectors(here)[:, own]
         return found
 
     def rate_share(self) -> Floats:

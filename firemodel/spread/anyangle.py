@@ -37,7 +37,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats, Mask
+from firemodel.arrays import WHOLE, Floats, Mask, Place, enlarged
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics import CrownMethod
 from firemodel.physics.weather import WeatherStream
@@ -49,6 +49,7 @@ from firemodel.spread.anyangle_kernels import (
     expect_neighbours,
     ignite,
 )
+from firemodel.spread.burned_parts import burned_cells
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea, check_burning
 from firemodel.spread.firebrands import STEP_S
@@ -70,6 +71,7 @@ from firemodel.spread.labels import (
     nodes_beside,
     paths_to_centres,
     replace_labels,
+    rewind,
     settle,
     tips_with,
     without_unused,
@@ -87,8 +89,10 @@ from firemodel.spread.travel_time import (
     Ground,
     clear_slowness,
     ground_of,
+    restore_slowness,
     with_closed,
     with_rate_factor,
+    with_slowness,
     with_tables,
     with_weather_of,
 )
@@ -229,7 +233,7 @@ class AnyAngleFire(Fire):
             np.concatenate([paths.target[outside], new.target]),
             np.concatenate([paths.at[outside], new.at]),
         )
-        tips = tips_with(tips, kept, paths)
+        tips = tips_with(tips, kept, paths, found._labels)
         first = found._add_front(at_s, paths, tips)
         found._since_s = at_s
         found._start_paths(paths, tips, first)
@@ -238,7 +242,7 @@ class AnyAngleFire(Fire):
         return found
 
     def _drop_unused_points(self) -> None:
-        """Drop unused points if there may be many. Otherwise each change would add points."""
+        """Drop unused points if there may be many; each change adds points."""
         if self._used <= 2 * self._used_before + SOME_POINTS:
             return
         at, beside = self._points
@@ -257,14 +261,23 @@ class AnyAngleFire(Fire):
         self._ignitions.sort(reverse=True)
 
     def copy(self) -> Self:
-        found = copy.copy(self)
-        best_s, source = self._labels
-        found._labels = Labels(best_s.copy(), source.copy())
-        found.arrival_time_s = self.arrival_time_s.copy()
-        slowness = self._ground.slowness.copy()
-        found._ground = self._ground._replace(
-            slowness=slowness, rise=slowness.view(np.float32), computed=self._ground.computed.copy()
+        best_s, source, active_row = self._labels
+        return self._copy_with(
+            Labels(best_s.copy(), source.copy(), np.zeros_like(active_row)),
+            self.arrival_time_s.copy(),
+            with_slowness(self._ground, self._ground.slowness.copy(), self._ground.computed.copy()),
         )
+
+    def copy_over(self, used: Self) -> Self:
+        rewind(used._labels, used.arrival_time_s, self._labels, self.arrival_time_s, self._lattice)
+        restore_slowness(used._ground, self._ground)
+        ground = with_slowness(self._ground, used._ground.slowness, used._ground.computed)
+        return self._copy_with(used._labels, used.arrival_time_s, ground)
+
+    def _copy_with(self, labels: Labels, arrival_time_s: Floats, ground: Ground) -> Self:
+        """Return a copy of this fire with these arrays, which are copies of those of this fire."""
+        found = copy.copy(self)
+        found._labels, found.arrival_time_s, found._ground = labels, arrival_time_s, ground
         times, keys, waiting = self._queue
         found._queue = Queue(times.copy(), keys.copy(), waiting.copy())
         at, beside = self._points
@@ -327,7 +340,7 @@ class AnyAngleFire(Fire):
 
     def _burn(self, to_time_s: float) -> None:
         """Burn until a time under the current weather entry."""
-        while True:
+        while self._is_due(to_time_s):
             self._size, self._waits, self._used, self._clock_s = burn_until(
                 to_time_s,
                 self._clock_s,
@@ -337,14 +350,19 @@ class AnyAngleFire(Fire):
                 self._waits,
                 *self._state,
             )
-            if self._size == 0 or self._queue.times[0] > to_time_s:
-                break
-            self._arrive(self._clock_s)  # so that few centres wait
-            self._make_room(ROOM)
+            if self._is_due(to_time_s):
+                self._arrive(self._clock_s)  # so that few centres wait
+                self._make_room(ROOM)
         self._arrive(to_time_s)
+
+    def _is_due(self, to_time_s: float) -> bool:
+        """Return whether a node in the queue is to be processed by a time."""
+        return bool(self._size > 0 and self._queue.times[0] <= to_time_s)
 
     def _arrive(self, to_time_s: float) -> None:
         """Set the arrival times of the centres that fire reached by a time."""
+        if self._waits == 0:
+            return
         self._waits = arrive(
             to_time_s,
             self._queue.waiting,
@@ -359,14 +377,14 @@ class AnyAngleFire(Fire):
         times, keys, waiting = self._queue
         if self._size + room > times.size:
             size = 2 * (self._size + room)
-            times, keys = np.resize(times, size), np.resize(keys, size)
+            times, keys = enlarged(times, size), enlarged(keys, size)
         if 2 * (self._waits + room) > waiting.size:
-            waiting = np.resize(waiting, 4 * (self._waits + room))
+            waiting = enlarged(waiting, 4 * (self._waits + room))
         self._queue = Queue(times, keys, waiting)
         if self._used + room > len(self._points.at):
             size = 2 * (self._used + room)
-            at, beside = np.resize(self._points.at, (size, 3)), self._points.beside
-            self._points = Points(at, np.resize(beside, (size, 2)))
+            at, beside = self._points
+            self._points = Points(enlarged(at, size), enlarged(beside, size))
 
     def _ignite(self, at_s: float, row: int, col: int) -> None:
         cell = row * self.landscape.shape[1] + col
@@ -407,7 +425,7 @@ class AnyAngleFire(Fire):
             tips,
         )
         paths, tips = paths.first(count), tips.first(tip)
-        return paths, tips_with(tips, np.ones(tip, dtype=bool), paths)
+        return paths, tips_with(tips, np.ones(tip, dtype=bool), paths, self._labels)
 
     def _change_weather(self, at_s: float) -> None:
         paths, tips = self._active_paths(at_s)
@@ -431,15 +449,17 @@ class AnyAngleFire(Fire):
         prepared = ~np.isnan(self._ground.slowness[::4][cells.ravel()])
         if not (prepared.any() or np.isfinite(best_s[near]).any()):  # the front is not near
             best_s[blocked] = -np.inf
+            labels.active_row[nodes[0]] = True
             self._ground = with_closed(self._ground, cells.ravel())
             return
+        labels.active_row[:] = True
         paths, tips = self._active_paths(at_s)
         ends = np.zeros(labels.source.size, dtype=bool)
         by_cells(ends, lattice)[nodes] = blocked
         labels.best_s[ends], labels.source[ends] = -np.inf, -1
         open_paths = ~ends[paths.target]
         paths = ActivePaths(paths.target[open_paths], paths.at[open_paths])
-        tips = tips_with(tips, ~ends[tips.target], paths)
+        tips = tips_with(tips, ~ends[tips.target], paths, labels)
         first = self._add_front(at_s, paths, tips)
         clear_slowness(self._ground)
         self._ground = with_closed(self._ground, cells.ravel())
@@ -470,19 +490,31 @@ class AnyAngleFire(Fire):
             tips,
             first,
             np.empty(count),
+            np.empty((count, 4), dtype=np.int32),
             self._queue,
             *self._state,
         )
 
-    def arrival_vectors(self) -> Floats:
+    def arrival_vectors(self, here: Place = WHOLE) -> Floats:
         """Return the vector (2, y, x) from each cell's source to the cell, in m north and east.
 
-        The vector is 0 where the fire was lit.
+        The result is that in the window ``here``. The vector is 0 where the fire was lit.
         """
-        found = np.zeros((2, *self.landscape.shape))
-        cell_m, lattice = self.landscape.cell_size_m, self._lattice
-        paths_to_centres(found, self.arrival_time_s, cell_m, self._points, self._labels, lattice)
+        arrival_s, cell_m = self.arrival_time_s[here], self.landscape.cell_size_m
+        found, (top, _, _), (left, _, _) = (
+            np.zeros((2, *arrival_s.shape)),
+            here[0].indices(self._lattice.rows),
+            here[1].indices(self._lattice.cols),
+        )
+        paths_to_centres(
+            found, arrival_s, top, left, cell_m, self._points, self._labels, self._lattice
+        )
         return found
+
+    @property
+    def interpolated_ha(self) -> float:
+        cells = burned_cells(self.time_s, self.arrival_time_s, self._labels, self._lattice)
+        return float(cells) * self.landscape.cell_size_m**2 / 1e4
 
     def _expected_s(self) -> Floats:
         best_s = np.asarray(at_centres(self._labels.best_s, self._lattice))

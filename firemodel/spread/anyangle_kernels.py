@@ -151,7 +151,7 @@ def burn_until(  # type: ignore[no-untyped-def]
     clock.
     """
     times, keys, waiting = queue
-    best_s, sources = labels
+    best_s, sources, active_row = labels
     n = best_s.size
     row_keys = lattice.each * (lattice.cols + 1)
     source, origin = np.int64(-1), 0
@@ -169,6 +169,7 @@ def burn_until(  # type: ignore[no-untyped-def]
             continue  # replaced by a better entry
         clock_s = max(clock_s, now)
         i, j = ij_of(key, lattice)
+        active_row[i >> 1] = True
         y, x = 0.5 * i, 0.5 * j
         if source != sources[key]:
             source, from_y, from_x, from_s, origin, alike = _source_of(
@@ -306,10 +307,10 @@ def bend(  # type: ignore[no-untyped-def]
     """Improve a node's label: try paths that bend on an edge between the source and the node.
 
     ``rounds`` is the number of searches for the position of the bend, each finer than the previous
-    search. The bend of a path whose relative gain in time is more than ``worth`` becomes a point.
+    search. If the relative gain in time is more than ``worth``, a point is added at the bend.
     Returns the number of points in use.
     """
-    best_s, sources = labels
+    best_s, sources, _ = labels
     n = best_s.size
     source = np.int64(sources[key])
     from_y, from_x, from_s = place_of(source, points, labels, lattice)
@@ -357,9 +358,10 @@ def on_front(point, points):  # type: ignore[no-untyped-def]
 def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
     """Improve a node's label: move the source along the front at the last change of weather.
 
-    A better position between two points becomes a point. Returns the number of points in use.
+    If a position between two points is better, a point is added there. Returns the number of points
+    in use.
     """
-    best_s, sources = labels
+    best_s, sources, _ = labels
     n = best_s.size
     for _ in range(MAX_SLIDES):
         source = np.int64(sources[key])
@@ -398,7 +400,7 @@ def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # 
 @inlined
 def slide(i, j, key, since_s, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
     """Improve a node's label: try the nodes beside the source as sources."""
-    best_s, sources = labels
+    best_s, sources, _ = labels
     now = best_s[key]
     from_i, from_j = ij_of(np.int64(sources[key]), lattice)
     y, x = 0.5 * i, 0.5 * j
@@ -430,10 +432,11 @@ def ignite(  # type: ignore[no-untyped-def]
     ``paths`` receives the paths to the nearest nodes. Returns the heap's new size, the number of
     waiting centres and the number of paths.
     """
-    best_s, sources = labels
+    best_s, sources, active_row = labels
     n = best_s.size
     y, x = row + 0.5, col + 0.5
     mid_i, mid_j = 2 * row + 1, 2 * col + 1
+    active_row[max(mid_i - IGNITES, 0) >> 1 : (mid_i + IGNITES >> 1) + 1] = True
     add_point(points, used, y, x, at_s, -1, -1)
     count = 0
     for i in range(max(mid_i - IGNITES, 0), min(mid_i + IGNITES, 2 * lattice.rows) + 1):

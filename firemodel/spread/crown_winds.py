@@ -41,7 +41,7 @@ def crown_winds_of(fire: Fire) -> CrownWinds:
     """Return the torching index and the crowning index (Scott & Reinhardt 2001) in each cell.
 
     Each index is the least wind over the weather entries in effect until the fire's time, with the
-    moistures and the wind direction of the entry. It does not depend on whether the fire has
+    moistures and the wind direction of the entry. The indices do not depend on whether the fire has
     reached the cell.
 
     Args:

@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats, Mask
+from firemodel.arrays import Floats, Mask, enlarged
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics import CrownMethod
@@ -176,12 +176,12 @@ class Devs8Fire(Fire):
         times, keys, size = self._heap
         if size + more > times.size:
             self._heap = EventHeap(
-                np.resize(times, 2 * (size + more)), np.resize(keys, 2 * (size + more)), size
+                enlarged(times, 2 * (size + more)), enlarged(keys, 2 * (size + more)), size
             )
         keys, left_m, size = self._halted
         if size + more > keys.size:
             self._halted = Halted(
-                np.resize(keys, 2 * (size + more)), np.resize(left_m, 2 * (size + more)), size
+                enlarged(keys, 2 * (size + more)), enlarged(left_m, 2 * (size + more)), size
             )
 
     def _expected_s(self) -> Floats:

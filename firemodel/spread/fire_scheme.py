@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats, Mask
+from firemodel.arrays import WHOLE, Floats, Mask, Place
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.notebook_object import NotebookObject
@@ -142,6 +142,14 @@ class Fire(NotebookObject, ABC):
         A copy of 500 x 500 cells takes a few ms.
         """
 
+    def copy_over(self, used: Self) -> Self:
+        """Return a copy of this fire that may use the arrays of a copy that is no longer needed.
+
+        ``used`` is an earlier copy of this fire, which has not changed since; it must not be used
+        again. Schemes in which this saves time override this method.
+        """
+        return self.copy()
+
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """Return ``copy()``; a plain ``deepcopy`` would separate arrays that share memory."""
         return self.copy()
@@ -198,6 +206,11 @@ class Fire(NotebookObject, ABC):
         cells = int(np.count_nonzero(self.burned()))
         return cells * self.landscape.cell_size_m**2 / 1e4
 
+    @property
+    def interpolated_ha(self) -> float:
+        """The burned area in hectares, interpolated within cells if the scheme has times there."""
+        return self.burned_ha
+
     def state_at(self, time_s: float) -> NDArray[np.int8]:
         """Return the state of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
 
@@ -223,14 +236,14 @@ class Fire(NotebookObject, ABC):
         self._check_past(time_s)
         return burned_area(self._expected_s(), self.landscape, time_s, self.start_area)
 
-    def arrival_vectors(self) -> Floats:
+    def arrival_vectors(self, here: Place = WHOLE) -> Floats:
         """Return the last straight path to each cell as a vector (2, y, x) in m north and east.
 
-        By default the path comes from the neighbour that burned first. The vector is 0 where the
-        fire was lit.
+        The result is that in the window ``here``. By default the path comes from the neighbour that
+        burned first. The vector is 0 where the fire was lit.
         """
         from_row, from_col = earliest_neighbour(self.arrival_time_s)
-        return np.stack([from_row, -from_col]) * self.landscape.cell_size_m
+        return np.stack([from_row[here], -from_col[here]]) * self.landscape.cell_size_m
 
     def rate_share(self) -> float | Floats:
         """Return the share (y, x) of the steady rate at the arrival of the fire."""

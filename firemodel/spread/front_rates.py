@@ -7,7 +7,14 @@ from firemodel.arrays import Floats
 from firemodel.compiled import compiled
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
-from firemodel.spread.local_spread import FIRST_GRID, Tables, slowness_of, tables_of, terrain_of
+from firemodel.spread.local_spread import (
+    FIRST_GRID,
+    Tables,
+    Terrain,
+    slowness_of,
+    tables_of,
+    terrain_of,
+)
 from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 Integers = NDArray[np.int64]
@@ -42,7 +49,7 @@ class FrontRates:
         and B are those of ``local_spread``.
         """
         entry = self._weather.index_at(at_s)
-        return self._of(self._tables, entry, rows, cols, north, east)
+        return self._rates(self._tables, entry, rows.size).speeds_m_s(rows, cols, north, east)
 
     def under_wind(
         self,
@@ -53,7 +60,11 @@ class FrontRates:
         at_s: float,
         wind: tuple[float, float],
     ) -> Floats:
-        """Return speeds as ``speeds_m_s`` does, but in a given wind.
+        """Return speeds as ``speeds_m_s`` does, but in a wind as for ``in_wind``."""
+        return self.in_wind(at_s, wind, rows.size).speeds_m_s(rows, cols, north, east)
+
+    def in_wind(self, at_s: float, wind: tuple[float, float], room: int) -> "SteadyRates":
+        """Return the rates in a given wind, for repeated calls with at most ``room`` places.
 
         ``wind`` is the speed in m/s at 20 ft and the direction in degrees from which the wind
         blows. With a wind field, the given wind replaces the wind of the entry.
@@ -63,36 +74,46 @@ class FrontRates:
         blowing = self._tables.wind[entry : entry + 1].copy()
         blowing[0, :FIRST_GRID] = wind[0], np.cos(toward), np.sin(toward)
         tables = self._tables._replace(terms=self._tables.terms[entry : entry + 1], wind=blowing)
-        return self._of(tables, 0, rows, cols, north, east)
+        return self._rates(tables, 0, room)
 
-    def _of(
-        self,
-        tables: Tables,
-        entry: int,
-        rows: Integers,
-        cols: Integers,
-        north: Floats,
-        east: Floats,
-    ) -> Floats:
-        cells = rows * self._landscape.shape[1] + cols
-        rates: Floats = _rates(cells, north, east, entry, self._terrain, tables)
+    def _rates(self, tables: Tables, entry: int, room: int) -> "SteadyRates":
+        return SteadyRates(self._landscape.shape[1], self._terrain, tables, entry, room)
+
+
+class SteadyRates:
+    """The spread rates of fronts in constant weather; the ellipses of the last places are kept."""
+
+    def __init__(self, cols: int, terrain: Terrain, tables: Tables, entry: int, room: int) -> None:
+        self._cols = cols
+        self._state = entry, terrain, tables
+        self._known_cells = np.full(room, -1, dtype=np.int64)
+        self._known = np.empty((room, 3))
+
+    def speeds_m_s(self, rows: Integers, cols: Integers, north: Floats, east: Floats) -> Floats:
+        """Return the speeds (n,) in m/s of the front, as ``FrontRates.speeds_m_s`` does."""
+        cells = rows * self._cols + cols
+        known = self._known_cells, self._known
+        rates: Floats = _rates(cells, north, east, *self._state, *known)
         return rates
 
 
 @compiled
-def _rates(cells, north, east, entry, terrain, tables):  # type: ignore[no-untyped-def]
+def _rates(cells, north, east, entry, terrain, tables, known_cells, known):  # type: ignore[no-untyped-def]
+    """Compute the speeds; ``known`` (places; A, B) are the ellipses of the last call's cells."""
     found = np.zeros(cells.size)
-    computed = -1  # neighbouring places of a front are often in the same cell
-    a, b_north, b_east, rise_north, rise_east = np.inf, 0.0, 0.0, 0.0, 0.0
     for place in range(cells.size):
         cell = cells[place]
-        if cell != computed:
-            a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
-            rise_north = np.float64(terrain.gradient[0, cell])
-            rise_east = np.float64(terrain.gradient[1, cell])
-            computed = cell
+        if cell != known_cells[place]:
+            if place > 0 and cell == cells[place - 1]:  # neighbours are often in the same cell
+                known[place] = known[place - 1]
+            else:
+                known[place] = slowness_of(cell, entry, terrain, tables)
+            known_cells[place] = cell
+        a, b_north, b_east = known[place, 0], known[place, 1], known[place, 2]
         if a == np.inf:
             continue
+        rise_north = np.float64(terrain.gradient[0, cell])
+        rise_east = np.float64(terrain.gradient[1, cell])
         # (v - c)' M (v - c) = 1 + B c with M = A² G - B B', G the length on the slope, M c = B.
         m_nn = a * a * (1.0 + rise_north * rise_north) - b_north * b_north
         m_ee = a * a * (1.0 + rise_east * rise_east) - b_east * b_east

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 
+BESIDE_ROWS = 2  # largest number of rows of cells between a node and the nodes that it reaches
+
 
 class Lattice(NamedTuple):
     """The numbering of the nodes by keys, cell by cell, so that neighbours are close in memory.
@@ -34,6 +36,9 @@ class Labels(NamedTuple):
 
     best_s: Floats  # (keys) earliest arrival found so far; minus infinity if never reached
     source: NDArray[np.int32]  # (keys) a node's key, or keys + index of a point; -1: unknown
+    # (rows + 1) of cells: True if a node was processed or a path was started in the row since the
+    # fire was created or copied. Other nodes are changed only within ``BESIDE_ROWS`` of such rows.
+    active_row: NDArray[np.bool_]
 
 
 class Points(NamedTuple):
@@ -97,7 +102,11 @@ def empty_labels(burnable: NDArray[np.bool_], lattice: Lattice) -> Labels:
     node that adjoins no burnable cell, are never reached.
     """
     count = (lattice.rows + 1) * (lattice.cols + 1) * lattice.each
-    labels = Labels(np.full(count, np.inf), np.full(count, -1, dtype=np.int32))
+    labels = Labels(
+        np.full(count, np.inf),
+        np.full(count, -1, dtype=np.int32),
+        np.zeros(lattice.rows + 1, dtype=bool),
+    )
     best_s = by_cells(labels.best_s, lattice)
     padded = np.pad(burnable, 1)
     nw, ne, sw, se = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
@@ -152,20 +161,45 @@ def replace_labels(
     new = empty_labels(burnable, lattice)
     settle(new, arrival_s, burnable, lattice)
     labels.best_s[nodes], labels.source[nodes] = new.best_s[nodes], new.source[nodes]
+    labels.active_row[:] = True
 
 
-def tips_with(tips: Tips, chosen: NDArray[np.bool_], paths: ActivePaths) -> Tips:
-    """Return the tips in a mask, and unknown tips at all other nodes to which paths lead.
+def tips_with(tips: Tips, chosen: NDArray[np.bool_], paths: ActivePaths, labels: Labels) -> Tips:
+    """Return the tips selected by ``chosen``; those of all other nodes with paths are unknown.
 
     The kernels require a tip for each path, even if the path does not reach its node.
     """
-    further = np.setdiff1d(paths.target, tips.target[chosen])
+    without = np.zeros(labels.source.size, dtype=bool)
+    without[paths.target], without[tips.target[chosen]] = True, False
+    further = np.flatnonzero(without).astype(tips.target.dtype)
     new = empty_tips(further.size)
     return Tips(
         np.concatenate([tips.target[chosen], further]),
         np.concatenate([tips.at[chosen], new.at]),
         np.concatenate([tips.source[chosen], new.source]),
     )
+
+
+@kernel
+def rewind(labels, arrival_s, model, model_arrival_s, lattice):  # type: ignore[no-untyped-def]
+    """Copy the labels ``model`` and their arrival times (y, x) into changed copies of them.
+
+    Only rows in which nodes may have changed are copied.
+    """
+    each = lattice.each * (lattice.cols + 1)
+    for row in range(lattice.rows + 1):
+        first, end = max(row - BESIDE_ROWS, 0), min(row + BESIDE_ROWS, lattice.rows) + 1
+        changed = False
+        for near in range(first, end):
+            changed |= labels.active_row[near]
+        if not changed:
+            continue
+        for key in range(row * each, (row + 1) * each):
+            labels.best_s[key], labels.source[key] = model.best_s[key], model.source[key]
+        if row < lattice.rows:
+            for col in range(lattice.cols):
+                arrival_s[row, col] = model_arrival_s[row, col]
+    labels.active_row[:] = False
 
 
 def keys_of(i: NDArray[np.int64], j: NDArray[np.int64], lattice: Lattice) -> NDArray[np.int64]:
@@ -241,15 +275,21 @@ def add_path(paths, count, first, target, y, x, at_s):  # type: ignore[no-untype
 
 
 @kernel
-def paths_to_centres(found, arrival_s, cell_m, points, labels, lattice):  # type: ignore[no-untyped-def]
-    """Set the vectors (2, y, x) from sources to burned centres, in m north and east."""
-    for row in range(lattice.rows):
-        for col in range(lattice.cols):
+def paths_to_centres(found, arrival_s, top, left, cell_m, points, labels, lattice):  # type: ignore[no-untyped-def]
+    """Set the vectors (2, y, x) from sources to burned centres, in m north and east.
+
+    ``found`` and ``arrival_s`` (y, x) are those of a window with the cell (top, left).
+    """
+    for y_in in range(arrival_s.shape[0]):
+        for x_in in range(arrival_s.shape[1]):
+            if arrival_s[y_in, x_in] == np.inf:
+                continue
+            row, col = top + y_in, left + x_in
             source = np.int64(labels.source[key_of(2 * row + 1, 2 * col + 1, lattice)])
-            if source >= 0 and arrival_s[row, col] < np.inf:
+            if source >= 0:
                 y, x, _ = place_of(source, points, labels, lattice)
-                found[0, row, col] = (y - (row + 0.5)) * cell_m
-                found[1, row, col] = (col + 0.5 - x) * cell_m
+                found[0, y_in, x_in] = (y - (row + 0.5)) * cell_m
+                found[1, y_in, x_in] = (col + 0.5 - x) * cell_m
 
 
 @kernel

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
-from firemodel.compiled import kernel
+from firemodel.compiled import inlined, kernel
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape, turned
 from firemodel.physics import rothermel
@@ -65,7 +65,7 @@ class Tables(NamedTuple):
     # if the wind of the entry is the same everywhere.
     wind: Floats
     crown_method: int = NO_CROWNS
-    fuel_of_bed: NDArray[np.int64] = ONE_FUEL  # (fuel beds) index of the fuel in ``burnable_codes``
+    fuel_of_bed: NDArray[np.int64] = ONE_FUEL  # (fuel beds) index in ``Landscape.burnable_codes``
 
 
 class FuelBeds(NamedTuple):
@@ -74,19 +74,19 @@ class FuelBeds(NamedTuple):
     Without moistures of zones, each fuel is one bed.
     """
 
-    fuel: NDArray[np.int64]  # (beds) index of the fuel in ``burnable_codes``
+    fuel: NDArray[np.int64]  # (beds) index of the fuel in ``Landscape.burnable_codes``
     zone: NDArray[np.int64]  # (beds) index of the moisture zone; 0 without zones
     of_cell: NDArray[np.int16]  # (n) index of the bed of each cell; -1 if it does not burn
 
 
 def fuel_beds(landscape: Landscape, entries: Sequence[Weather]) -> FuelBeds:
-    """Return the fuel beds of a landscape in a weather.
+    """Return the fuel beds of a landscape in the given weather.
 
     Raises FireModelError if the weather has moistures for the zones of another landscape.
     """
-    codes = burnable_codes(landscape)
+    codes = landscape.burnable_codes
     place = np.full(int(landscape.fuel_model.max()) + 1, -1, dtype=np.int16)
-    place[codes] = np.arange(len(codes))
+    place[list(codes)] = np.arange(len(codes))
     fuel = place[landscape.fuel_model.ravel()]
     if not entries[0].of_zones:
         return FuelBeds(np.arange(len(codes)), np.zeros(len(codes), dtype=np.int64), fuel)
@@ -107,11 +107,11 @@ def fuel_beds(landscape: Landscape, entries: Sequence[Weather]) -> FuelBeds:
 def terrain_of(
     landscape: Landscape, entries: Sequence[Weather], options: RateOptions = SURFACE_ONLY
 ) -> Terrain:
-    """Return the flattened cells of a landscape, with the fuel beds of a weather.
+    """Return the flattened cells of a landscape, with the fuel beds in the given weather.
 
     Raises FireModelError if crown fire is to be computed and the landscape has no canopy layers.
     """
-    midflame = _midflame(landscape, burnable_codes(landscape)).ravel()
+    midflame = _midflame(landscape).ravel()
     canopy = NO_CANOPY
     if options.crown != "none":
         canopy = canopy_of(landscape, options.foliar_moisture_pct)
@@ -170,10 +170,11 @@ def _grids_of(
     return np.concatenate([each.cells for each in found.values()]), places
 
 
-def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
+def _midflame(landscape: Landscape) -> NDArray[np.float32]:
     """Return the ratio (y, x) of midflame wind to wind at 20 ft, including shelter by trees."""
     depth_ft = np.zeros(int(landscape.fuel_model.max()) + 1)
-    depth_ft[codes] = [landscape.fuels[code].depth_ft for code in codes]
+    for code in landscape.burnable_codes:
+        depth_ft[code] = landscape.fuels[code].depth_ft
     cover, height_m = landscape.canopy_cover, landscape.canopy_height_m
     if cover is None or height_m is None:
         factor = np.asarray(wind_adjustment_factor(depth_ft)).astype(np.float32)
@@ -189,12 +190,6 @@ def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]
     return found
 
 
-def burnable_codes(landscape: Landscape) -> list[int]:
-    """Return the codes of the landscape's burnable fuels, in ascending order."""
-    present = np.bincount(landscape.fuel_model.ravel()).nonzero()[0]
-    return [int(code) for code in present if int(code) in landscape.fuels]
-
-
 def tables_of(
     landscape: Landscape, entries: Sequence[Weather], options: RateOptions = SURFACE_ONLY
 ) -> Tables:
@@ -202,15 +197,23 @@ def tables_of(
 
     Wind directions are converted from true north to grid north.
     """
-    codes, beds = burnable_codes(landscape), fuel_beds(landscape, entries)
+    beds = fuel_beds(landscape, entries)
+    terms = terms_of(landscape, beds, entries, options)
+    return Tables(terms, _winds(landscape, entries), METHODS[options.crown], beds.fuel)
+
+
+def terms_of(
+    landscape: Landscape, beds: FuelBeds, entries: Sequence[Weather], options: RateOptions
+) -> Floats:
+    """Return ``Tables.terms`` of the fuel beds of a landscape."""
     terms = np.empty((len(entries), beds.fuel.size, 8))
-    wind = _winds(landscape, entries)
     for number, entry in enumerate(entries):
         zones = range(max(len(entry.of_zones), 1))
         crowns = np.array([crown_factor(options.crown, entry, zone) for zone in zones])
         terms[number, :, CROWN] = crowns[beds.zone]
         for place, (fuel, zone) in enumerate(zip(beds.fuel, beds.zone, strict=True)):
-            bed = fuel_bed(landscape.fuels[codes[fuel]], entry.moisture_of(codes[fuel], zone))
+            code = landscape.burnable_codes[fuel]
+            bed = fuel_bed(landscape.fuels[code], entry.moisture_of(code, zone))
             limit_ft_min = rothermel.wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
             terms[number, place, :CROWN] = (
                 bed.no_wind_rate_ft_min / FT_MIN_PER_M_S,
@@ -221,7 +224,7 @@ def tables_of(
                 rothermel.wind_factor(bed, limit_ft_min) if options.wind_limit else math.inf,
                 fireline_intensity_kw_m(bed, 1.0),
             )
-    return Tables(terms, wind, METHODS[options.crown], beds.fuel)
+    return terms
 
 
 def _winds(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
@@ -246,10 +249,10 @@ def perturbed(
 
     All later entries are changed too. In the changed entries the wind speed is multiplied by
     ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is
-    multiplied by ``spread_factor``: a number, or an array whose last axis is ``burnable_codes`` or
-    the fuel beds, and whose first axis, if there are two, is the changed entries. Raises
-    FireModelError for a factor that is not from 0 to ``MAX_FACTOR``, or a turn that is not a finite
-    number.
+    multiplied by ``spread_factor``: a number, or an array whose last axis is
+    ``Landscape.burnable_codes`` or the fuel beds, and whose first axis, if there are two, is the
+    changed entries. Raises FireModelError for a factor that is not from 0 to ``MAX_FACTOR``, or a
+    turn that is not a finite number.
     """
     factors = np.append(spread_factor, wind_factor)
     if not (np.all((factors >= 0.0) & (factors <= MAX_FACTOR)) and math.isfinite(turn_deg)):
@@ -369,6 +372,29 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     """Return the first four results of ``crowned_head``."""
     rate, north, east, e, _ = crowned_head(cell, entry, terrain, tables)
     return rate, north, east, e
+
+
+@inlined
+def same_conditions(cell, other, terrain):  # type: ignore[no-untyped-def]
+    """Return True if fire spreads equally in two cells in any weather."""
+    fuel, gradient, midflame, rate_factor, canopy, wind_grids = terrain
+    same = (
+        fuel[cell] == fuel[other]
+        and gradient[0, cell] == gradient[0, other]
+        and gradient[1, cell] == gradient[1, other]
+        and midflame[cell] == midflame[other]
+    )
+    if same and rate_factor.size > 1:
+        same = rate_factor[cell] == rate_factor[other]
+    if same and canopy.critical_kw_m.size > 1:
+        same = (
+            canopy.critical_kw_m[cell] == canopy.critical_kw_m[other]
+            and canopy.density_kg_m3[cell] == canopy.density_kg_m3[other]
+        )
+    for grid in range(wind_grids.shape[0]):
+        for part in range(2):
+            same = same and wind_grids[grid, part, cell] == wind_grids[grid, part, other]
+    return same
 
 
 @kernel

@@ -125,7 +125,7 @@ def active_paths(  # type: ignore[no-untyped-def]
     the fire, the position of the fire on the best line to this node. Returns the number of paths in
     ``found`` and in ``tips``, and the number of points in use.
     """
-    best_s, sources = labels
+    best_s, sources, _ = labels
     count = tip = 0
     for k in range(paths.target.size):
         target = np.int64(paths.target[k])
@@ -205,8 +205,32 @@ def _neighbour_tip(tip, i, j, next_i, next_j, tips, marks, lattice):  # type: ig
 
 
 @kernel
-def _along_front(to_i, to_j, tips, marks, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Return the tip next to the point of the front from which fire first reaches a node, or -1."""
+def _join_tips(tips, marks, joined, lattice):  # type: ignore[no-untyped-def]
+    """Store the neighbours of each tip on the front, in the steps ``NEXT_I``; -1 for none.
+
+    Neighbours that are farther apart than ``SEGMENT_CELLS`` are left out.
+    """
+    step = lattice.step
+    for k in range(tips.target.size):
+        i, j = ij_of(np.int64(tips.target[k]), lattice)
+        for side in range(4):
+            joined[k, side] = -1
+            if i % 2 == 1 and j % 2 == 1:
+                continue
+            next_i, next_j = i + step * NEXT_I[side], j + step * NEXT_J[side]
+            other = _neighbour_tip(k, i, j, next_i, next_j, tips, marks, lattice)
+            if other >= 0:
+                down, right = tips.at[k, 0] - tips.at[other, 0], tips.at[other, 1] - tips.at[k, 1]
+                if down * down + right * right <= SEGMENT_CELLS * SEGMENT_CELLS:
+                    joined[k, side] = other
+
+
+@kernel
+def _along_front(to_i, to_j, tips, joined, marks, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Return the tip next to the point of the front from which fire first reaches a node, or -1.
+
+    ``joined`` (tips, 4) is the result of ``_join_tips``.
+    """
     step = lattice.step
     best, found = np.inf, -1
     low_i, low_j = max(to_i - WINDOW, 0), max(to_j - WINDOW, 0)
@@ -220,8 +244,7 @@ def _along_front(to_i, to_j, tips, marks, ground, lattice, entry):  # type: igno
             if tip < 0:
                 continue
             for side in range(4):
-                next_i, next_j = i + step * NEXT_I[side], j + step * NEXT_J[side]
-                other = _neighbour_tip(tip, i, j, next_i, next_j, tips, marks, lattice)
+                other = joined[tip, side]
                 if other < 0:
                     continue
                 time, y, x = from_segment(
@@ -342,20 +365,26 @@ def front_of(at_s, paths, tips, best, points, used, labels, ground, lattice, ent
 
 @kernel
 def start_paths(  # type: ignore[no-untyped-def]
-    at_s, paths, tips, first, best, queue, points, used, labels, ground, lattice, entry
+    at_s, paths, tips, first, best, joined, queue, points, used, labels, ground, lattice, entry
 ):
     """Restart the fire from paths and tips: set the labels and the queue.
 
-    The tips are the points from ``first`` on (``front_of``). ``best`` (tips) is a work array.
+    The tips are the points from ``first`` on (``front_of``). ``best`` (tips) and ``joined`` (tips,
+    4) are work arrays.
     Returns the number of points in use, the heap's size and the number of waiting centres.
     """
-    best_s, sources = labels
+    best_s, sources, active_row = labels
     n, count = sources.size, tips.target.size
+    _join_tips(tips, sources, joined, lattice)
     for k in range(count):
         target = np.int64(tips.target[k])
         to_i, to_j = ij_of(target, lattice)
+        active_row[to_i >> 1] = True
         best_s[target], best[k] = np.inf, first + k
-        for candidate in (k, _along_front(to_i, to_j, tips, sources, ground, lattice, entry)):
+        for candidate in (
+            k,
+            _along_front(to_i, to_j, tips, joined, sources, ground, lattice, entry),
+        ):
             if candidate >= 0:
                 y, x, limit_s = tips.at[candidate, 0], tips.at[candidate, 1], best_s[target] - at_s
                 path_s = travel_s(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)

@@ -55,15 +55,15 @@ def ground_of(landscape: Landscape, entries: Sequence[Weather], options: RateOpt
     )
 
 
+def with_slowness(ground: Ground, slowness: Floats, computed: NDArray[np.int32]) -> Ground:
+    """Return a ``Ground`` with other arrays of slownesses and of computed cells."""
+    return ground._replace(slowness=slowness, rise=slowness.view(np.float32), computed=computed)
+
+
 def with_tables(ground: Ground, tables: Tables) -> Ground:
     """Return a ``Ground`` with other tables of the same landscape; no slowness is computed yet."""
     slowness = np.full(ground.slowness.size, np.nan)
-    return ground._replace(
-        tables=tables,
-        slowness=slowness,
-        rise=slowness.view(np.float32),
-        computed=np.zeros_like(ground.computed),
-    )
+    return with_slowness(ground, slowness, np.zeros_like(ground.computed))._replace(tables=tables)
 
 
 def with_rate_factor(ground: Ground, rate_factor: NDArray[np.float32]) -> Ground:
@@ -198,6 +198,18 @@ def clear_slowness(ground):  # type: ignore[no-untyped-def]
     for place in range(1, ground.computed[0] + 1):
         ground.slowness[4 * ground.computed[place]] = np.nan
     ground.computed[0] = 0
+
+
+@kernel
+def restore_slowness(ground, model):  # type: ignore[no-untyped-def]
+    """Replace the computed slownesses by those of another ``Ground`` of the same landscape."""
+    clear_slowness(ground)
+    for number in range(1, model.computed[0] + 1):
+        cell = model.computed[number]
+        ground.computed[number] = cell
+        for place in range(4 * cell, 4 * cell + 4):
+            ground.slowness[place] = model.slowness[place]
+    ground.computed[0] = model.computed[0]
 
 
 @inlined

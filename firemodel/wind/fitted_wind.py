@@ -36,8 +36,8 @@ class MeasuredWind(NamedTuple):
 class FittedWind(NamedTuple):
     """The reference wind fitted to measurements, which varies in space.
 
-    The reference wind (2: towards north, and towards east, in m/s) at a position is ``mean`` plus
-    the covariances with the measured positions times ``gains`` (m, 2).
+    The reference wind at a position (speeds towards north and towards east, in m/s) is ``mean``
+    plus the covariances with the measured positions times ``gains`` (m, 2).
     """
 
     mean: Floats

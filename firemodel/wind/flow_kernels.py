@@ -1,14 +1,14 @@
 """The discrete equations of the mass-consistent wind, compiled.
 
 Unknowns are values of the potential at the centres of columns (y, x) and on levels k = 0 to n - 1,
-of which level 0 is the ground; on level n, the open top, and beyond the open sides the potential is
+where level 0 is the ground; on level n, the open top, and beyond the open sides the potential is
 0. Arrays of the potential have a margin of one column on each side, which contains 0. ``ground`` is
 a stack (6, y, x) of fields with the same margin, ``layers`` a table (4, n + 1) (``flow_solver``).
 
 The flow through a face between two columns is proportional to the difference of the potential at
 equal height, which is the difference on a level minus slope times vertical difference. All terms
 derive from one energy; therefore the equations are symmetric and positive definite on any terrain.
-They are per unit of ground area.
+The equations are per unit of ground area.
 """
 
 import numpy as np

@@ -79,7 +79,8 @@ def slope_flow(grid: FlowGrid, flux_w_m2: Floats, temperature_c: float) -> Slope
     """Return the slope flow for a heat flux.
 
     Upslope flow depends on the height above the foot of the slope, downslope flow on the distance
-    and the height difference to its crest. Both are found along the steepest rise of the cell.
+    and the height difference to its crest. Foot and crest are found along the steepest rise of the
+    cell.
 
     Args:
         grid: The grid of the wind over terrain.

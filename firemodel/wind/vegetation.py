@@ -35,7 +35,7 @@ class Surface(NamedTuple):
 
 
 def surface_of_height(height_m: NDArray[np.floating]) -> Surface:
-    """Return the surface of vegetation of a height.
+    """Return the surface of vegetation with a given height.
 
     Args:
         height_m: Heights in metres, of any shape; less than 0.6 mm counts as 0.6 mm.

@@ -55,7 +55,7 @@ class Airspace:
 
         If a flight begins at ``start`` within the margin of a volume, the horizontal margin of the
         parts within that margin of ``start`` is the distance of ``start`` from the volume, so that
-        the flight can leave the margin. This does not apply to parts that lead from above or below
+        the flight can leave the margin. Parts keep the full margin if they lead from above or below
         the volume towards its altitudes.
         """
         parts = list(parts)

@@ -160,6 +160,15 @@ def mission_places(
     return tuple(found)
 
 
+def landing_places(
+    items: Sequence[MissionItem], landscape: Landscape, home_altitude_m: float
+) -> tuple[MissionPlace, ...]:
+    """Return the positions after DO_LAND_START, to which PX4's return leads; () without it."""
+    starts = (n for n, item in enumerate(items, 1) if item.command == mavlink.MAV_CMD_DO_LAND_START)
+    first = next(starts, len(items))
+    return mission_places(items[first:], landscape, home_altitude_m)
+
+
 def _radius_m(item: MissionItem) -> float:
     if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
         return abs(item.param3)
@@ -188,10 +197,16 @@ def corner_parts(points: Sequence[Position], turn_radius_m: float) -> list[Part]
 def mission_parts(places: Sequence[MissionPlace], start: Sequence[Position] = ()) -> list[Part]:
     """Return the space of a mission that is entered along the positions ``start``.
 
-    It contains the straight legs and the loiters. ``turning_parts`` has the space beside them.
+    The parts contain the straight legs and the loiters. ``turning_parts`` has the space beside
+    them.
     """
-    parts = path_parts([*start, *(place.position for place in places)])
-    return parts + [_loiter(place) for place in places if place.radius_m > 0.0]
+    positions = [*start, *(place.position for place in places)]
+    loiters = [
+        _loiter(place, positions[max(number - 1, 0)])
+        for number, place in enumerate(places, start=len(start))
+        if place.radius_m > 0.0
+    ]
+    return path_parts(positions) + loiters
 
 
 def turning_parts(
@@ -212,15 +227,17 @@ def turning_parts(
             continue
         before = places[number - 1].position
         if place.radius_m > 0.0:
-            parts.append(approach_part(before, _loiter(place)))
+            parts.append(approach_part(before, _loiter(place, before)))
         after = [each.position for each in places[number + 1 : number + 2]]
         parts += corner_parts([before, place.position, *after], turn_radius_m)
     return parts
 
 
-def _loiter(place: MissionPlace) -> Part:
+def _loiter(place: MissionPlace, before: Position) -> Part:
+    """Return the space of a loiter, from the altitude of the position ``before`` to its own."""
     x_m, y_m, altitude_m = place.position
-    return disc(x_m, y_m, LOITER_RADIUS_FACTOR * place.radius_m, altitude_m, altitude_m)
+    low_m, high_m = sorted((before[2], altitude_m))
+    return disc(x_m, y_m, LOITER_RADIUS_FACTOR * place.radius_m, low_m, high_m)
 
 
 def approach_part(start: Position, loiter: Part) -> Part:

@@ -2,8 +2,8 @@
 
 The fields are those of ``OperationalIntentDetails`` in ASTM F3548-21 (its OpenAPI description):
 horizontal outlines in WGS84, altitudes above the WGS84 ellipsoid, times in UTC. The service
-publishes the volumes for a UTM client. It is not a USS (UAS service supplier): it does not
-negotiate them.
+publishes the volumes for a UTM client. The service is not a USS (UAS service supplier): it does not
+negotiate operational intents.
 
 The service computes with altitudes above mean sea level. An altitude above the ellipsoid is that
 altitude plus the height of the geoid, which the caller gives: no geoid model is installed, and

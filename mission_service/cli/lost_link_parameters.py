@@ -149,7 +149,7 @@ class _Session:
         return self._client.stack
 
     def _refuse_armed(self) -> int:
-        """Return the vehicle's system id. Raises MissionServiceError if it is armed."""
+        """Return the vehicle's system id. Raises MissionServiceError for an armed vehicle."""
         if self._client.armed:
             raise MissionServiceError(
                 f"{self._line.link}: the vehicle is armed; parameters of its failsafe are changed "

@@ -125,7 +125,7 @@ def demo(
     journal = output_folder(out) / "journal.jsonl"
     run = Run(flying(loaded), journal, now_text(), settings, logs=options.logs, resume=False)
     with private():
-        address = partial(report_address, out)
+        address = partial(report_address, out, fragment="tour")
         summary = run_demo(run, scenario, speedup, progress, address, options.notice())
         _finish(summary, out, options.as_json)
 
@@ -147,6 +147,7 @@ def sim(scenario: str, out: Path | None, overrides: tuple[str, ...], as_json: bo
         out = new_folder(loaded.name, created)
         click.echo(f"results: {out}", err=True)
     made = output_folder(out)
+    gc.freeze()  # full collections need not visit the objects of all modules
     with SimProgress(loaded.name, loaded.duration_s, as_json) as progress:
         record, fire = simulate(loaded, made / "journal.jsonl", created, progress)
     summary = write_outputs(made, loaded, record, fire)
@@ -256,7 +257,7 @@ def run(config: str, **values: Any) -> None:
 @main.command("decide")
 @click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
 @click.option(
-    "--planner", "rule", metavar="RULE", help="Planner rule (default: that of the journal)."
+    "--planner", "rule", metavar="RULE", help="Planner rule (default: the rule of the journal)."
 )
 @JSON
 def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
@@ -316,7 +317,7 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
         flown = vehicle["missions"]["flown"]
         click.echo(f"{vehicle['name']}: {done}; missions: {uploads or 'none'}, {flown} flown")
     if closest_m is not None:
-        click.echo(f"closest pair: {closest_m:.0f} m")
+        click.echo(f"smallest distance between two vehicles: {closest_m:.0f} m")
     click.echo(
         f"{summary['burned_area_ha']:.0f} ha burned at {summary['mission_time_s'] / 3600:.2f} h; "
         f"journal, GeoJSON, map and summary in {out}/"

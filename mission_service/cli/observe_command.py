@@ -22,7 +22,9 @@ MAX_IMAGES = 100  # maximum number of images of one video
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--scenario", required=True, help="Its landscape and the settings of its sensors.")
+@click.option(
+    "--scenario", required=True, help="Scenario with the landscape and the settings of the sensors."
+)
 @click.option(
     "--every",
     "every_s",

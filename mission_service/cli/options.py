@@ -191,16 +191,21 @@ def echo_warning(text: str) -> None:
     click.echo(f"Warning: {text}", err=True)
 
 
-def report_address(out: Path, address: str) -> None:
-    """Print the address of the map; the token is printed only on a terminal, never to a log."""
+def report_address(out: Path, address: str, fragment: str = "") -> None:
+    """Print the address of the map; the token is printed only on a terminal, never to a log.
+
+    ``fragment`` is a further part of the printed address after ``#``.
+    """
     if sys.stderr.isatty():
-        click.echo(f"map: {address}", err=True)
+        sign = "&" if "#" in address else "#"
+        click.echo(f"map: {address}{sign if fragment else ''}{fragment}", err=True)
     else:
         url, own_token, _ = address.partition("#")
         source = (
             f"its token is in {out / 'token'}" if own_token else "use a token of the tokens file"
         )
-        click.echo(f"map: {url} ({source})", err=True)
+        shown = f"{url}#{fragment}" if fragment else url
+        click.echo(f"map: {shown} ({source})", err=True)
 
 
 def progress_line(text: str) -> None:

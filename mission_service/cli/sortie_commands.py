@@ -106,9 +106,9 @@ def sortie_plan(
 ) -> None:
     """Plan the sorties and batteries that keep aircraft on task over the fire of SCENARIO.
 
-    Print the time for which the watch can be kept up, what lacks first, and the smallest number of
-    batteries, chargers or aircraft that prevents this. Each vehicle needs its endurance_s in
-    SCENARIO.
+    Print the time for which the watch can be kept up, the resource that runs out first, and the
+    smallest number of additional batteries, chargers or aircraft that prevents this. Each vehicle
+    needs its endurance_s in SCENARIO.
     """
     from mission_service.cli.plan_command import check_picture
     from mission_service.config.scenario import flying, load_scenario

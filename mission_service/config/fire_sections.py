@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
+from firemodel.landscape.wind_options import North
 from firemodel.physics import CrownMethod
 from firemodel.spread.schemes import AIR_TEMPERATURE_C, FIREBRANDS_PER_HA, SchemeName
 from mission_service.config.relief_section import SimulatedBatteriesSection
@@ -129,13 +130,15 @@ class WeatherFile(FuelMoisture):
     fuels. With ``conditioned``, dead fuels start with these moistures, which then follow
     temperature, humidity and rain by ``dead_fuel_model``: "time_lag", the same everywhere, or
     "nelson", by elevation, slope, aspect, sun and shade. ``station_elevation_m`` is the elevation
-    of the weather station, by default the mean of the landscape.
+    of the weather station, by default the mean of the landscape. With ``north`` = "grid", wind
+    directions are clockwise from the north of the landscape's grid, as FARSITE reads them.
     """
 
     path: Path
     wind: Path | None = None
     fuel_moistures: Path | None = None
     start: datetime | None = None
+    north: North = "true"
     conditioned: bool = False
     dead_fuel_model: Literal["time_lag", "nelson"] = "time_lag"
     station_elevation_m: Annotated[float, Field(ge=-500, le=9000)] | None = None
@@ -171,8 +174,8 @@ class SuppressionLine(Section):
     """A control line, given by points or by the lines in a file.
 
     The construction begins at mission time ``at_s`` and advances by ``rate_m_h``; without a rate
-    the line is complete at ``at_s``. ``points`` are latitude and longitude. Of polygons in a file,
-    the outlines are built.
+    the line is complete at ``at_s``. ``points`` are latitude and longitude. For polygons in a file,
+    the lines follow the outlines.
     """
 
     points: Annotated[tuple[tuple[Latitude, Longitude], ...], Field(min_length=2)] | None = None

@@ -15,9 +15,9 @@ class ReliefSection(Section):
     """A task that lasts longer than a flight: one of ``vehicles`` flies it, the others stand by.
 
     The next vehicle arrives ``overlap_s`` before the present one must leave. Each takeoff needs an
-    operator's order. With ``standing_signoff`` the first takeoff needs none, nor does the takeoff
-    of a vehicle after its time on task and a landing, when its autopilot has reported a full
-    battery for ``ready_after_s`` on the ground.
+    operator's order. With ``standing_signoff`` two kinds of takeoffs need no order: the first
+    takeoff, and the takeoff of a vehicle that has landed after its time on task, when its autopilot
+    has reported a full battery for ``ready_after_s`` on the ground.
     """
 
     vehicles: Annotated[tuple[str, ...], Field(min_length=2)]
@@ -34,7 +34,7 @@ class ReliefSection(Section):
 
 
 class SimulatedBatteriesSection(Section):
-    """The batteries of simulated vehicles, each of which lasts the vehicle's ``endurance_s``.
+    """The batteries of simulated vehicles; each battery lasts the vehicle's ``endurance_s``.
 
     Each vehicle begins with a full battery, and ``packs`` further full batteries fit all vehicles.
     A used battery is exchanged ``swap_s`` after the vehicle has been disarmed, and is full again
@@ -68,6 +68,6 @@ def refuse_relief(scenario: "Scenario", relief: ReliefSection) -> None:
             own, other = getattr(first, key), getattr(by_name[name], key)
             if own != other:
                 raise ValueError(
-                    f"relief.vehicles: {key} of {name} is {other}, of {first.name} {own}; "
-                    "vehicles that fly one task need the same"
+                    f"relief.vehicles: {key} is {other} for {name}, but {own} for {first.name}; "
+                    f"give all vehicles of the task the same {key}"
                 )

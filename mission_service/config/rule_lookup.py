@@ -23,7 +23,7 @@ NAME = r"[a-z][a-z0-9_]*"  # rules of other packages, and the tables of these ru
 
 
 class Way(Protocol):
-    """The attributes of a way of flying that a scenario reads (``guidance/way_of_flying.py``)."""
+    """The attributes of a ``WayOfFlying`` that are used when a scenario is read."""
 
     @property
     def rules(self) -> tuple[str, ...]:

@@ -54,6 +54,7 @@ from mission_service.value_errors import got, keys_at, missing_key, remedy, sche
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION_S = 3.2e8  # ten years
 S = TypeVar("S", bound=Section)
+SECRETS = (("signing_key",), ("password",), ("data_package_password",))  # "file:PATH" or "env:NAME"
 # The error types that pydantic reports for exceptions of this package's validators.
 OWN_ERRORS = ("value_error", "assertion_error")
 
@@ -373,7 +374,7 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
             fault = "is a folder, not a file" if found.is_dir() else "no such file"
             raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: {fault}: {found}")
         return found
-    if keys[-1:] in (("signing_key",), ("password",)) and section and section.startswith("file:"):
+    if keys[-1:] in SECRETS and section and section.startswith("file:"):
         path = Path(section.removeprefix("file:")).expanduser()
         return f"file:{(scenario_path.parent / path).resolve()}"
     if keys[-1:] == ("basemaps",) and section is not None:

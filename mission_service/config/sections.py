@@ -330,6 +330,11 @@ class VehicleSection(Section):
         """
         return self.kind != "copter"
 
+    @property
+    def is_arduplane(self) -> bool:
+        """Whether the autopilot is ArduPlane, which also flies VTOLs."""
+        return self.stack == "ardupilot" and self.winged
+
     @model_validator(mode="after")
     def _vtol_is_native(self) -> "VehicleSection":
         if self.kind == "vtol" and self.backend != "native":
@@ -338,8 +343,7 @@ class VehicleSection(Section):
 
     @model_validator(mode="after")
     def _reaction_exists(self) -> "VehicleSection":
-        arduplane = self.stack == "ardupilot" and self.winged
-        if arduplane and self.lost_link in ("hold", "land"):
+        if self.is_arduplane and self.lost_link in ("hold", "land"):
             raise ValueError(
                 f'an ArduPlane has no reaction lost_link = "{self.lost_link}"; '
                 'give "continue" or "return"'

@@ -86,9 +86,13 @@ class MqttSection(Section):
     @field_validator("password")
     @classmethod
     def _password_is_source(cls, source: str | None) -> str | None:
-        if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
-            raise ValueError('give the source of the password, as "file:PATH" or "env:NAME"')
-        return source
+        return _password_source(source)
+
+
+def _password_source(source: str | None) -> str | None:
+    if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
+        raise ValueError('give the source of the password, as "file:PATH" or "env:NAME"')
+    return source
 
 
 def _is_multicast(host: str) -> bool:
@@ -103,7 +107,7 @@ Percent = Annotated[float, Field(ge=0, lt=100)]
 
 
 class CotPeopleSection(Section):
-    """The people in TAK of which the service uses the positions.
+    """Selects the people in TAK; the service uses their positions.
 
     A person must belong to one of ``groups`` and have one of ``roles`` (not case-sensitive).
     """
@@ -135,6 +139,7 @@ class CotSection(Section):
     """The TAK server or group that receives Cursor on Target events and sends reports.
 
     Examples of ``url`` are ``udp://239.2.3.1:6969``, ``tcp://HOST:8087`` and ``tls://HOST:8089``.
+    A data package of a TAK server replaces ``url`` and the certificates.
     """
 
     url: str = "udp://239.2.3.1:6969"
@@ -142,6 +147,12 @@ class CotSection(Section):
     tls_ca: Path | None = None
     tls_certificate: Path | None = None
     tls_key: Path | None = None
+    # Name in the server's certificate, if it differs from the host of the connection.
+    tls_server_name: Annotated[str, Field(min_length=1)] | None = None
+    data_package: Path | None = None
+    # Password of the certificates in the data package, as "file:PATH" or "env:NAME"; without this
+    # key the passwords in the package apply.
+    data_package_password: str | None = None
     # Severe alarms are sent as chat messages to all; "all" adds the other alarms.
     chat: Literal["none", "severe", "all"] = "severe"
     reports: CotReportsSection | None = None
@@ -150,12 +161,32 @@ class CotSection(Section):
     @model_validator(mode="after")
     def _events_arrive(self) -> "CotSection":
         receives = self.reports is not None or self.people is not None
-        if receives and self.scheme == "udp" and not _is_multicast(self.host):
+        is_udp = self.data_package is None and self.scheme == "udp"
+        if receives and is_udp and not _is_multicast(self.host):
             raise ValueError(
                 f"no events arrive from {self.url}: give a TAK server (tcp:// or tls://) or a "
                 'multicast group, such as "udp://239.2.3.1:6969"'
             )
         return self
+
+    @model_validator(mode="after")
+    def _one_server(self) -> "CotSection":
+        if self.data_package is None:
+            if self.data_package_password is not None:
+                raise ValueError("data_package_password requires data_package")
+            return self
+        replaced = {"url", "tls_ca", "tls_certificate", "tls_key"} & self.model_fields_set
+        if replaced:
+            raise ValueError(
+                f"data_package contains the server and its certificates: remove it, or remove "
+                f"{', '.join(sorted(replaced))}"
+            )
+        return self
+
+    @field_validator("data_package_password")
+    @classmethod
+    def _is_source(cls, source: str | None) -> str | None:
+        return _password_source(source)
 
     @field_validator("url")
     @classmethod
@@ -201,7 +232,7 @@ class AlarmReceiverSection(Section):
 
 
 class FireArrivalSection(Section):
-    """The watch of the fire's arrival at people and at values at risk, and its alarms.
+    """The forecast arrival of the fire at people and at values at risk, and its alarms.
 
     An alarm is raised while the fire arrives within ``warn_min`` with a probability of 10 %; it is
     severe within ``severe_min``.

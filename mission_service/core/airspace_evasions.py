@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 
 import msgspec
 import numpy as np
@@ -24,8 +25,10 @@ from mission_service.airspace.routes import exits_from
 from mission_service.airspace.volumes import Volume
 from mission_service.commands import Hold, HoldAt, UploadMission
 from mission_service.core.closed_airspace import ClosedAirspace
-from mission_service.core.flight_space import FlightSpace, position_of
+from mission_service.core.flight_space import COPTER_REACH_M, FlightSpace, position_of
+from mission_service.core.hold_height import hold_over
 from mission_service.guidance.protocol import Guidance
+from mission_service.missions.climb import without_climb
 from mission_service.missions.orbits import highest_ground_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState, Evasion
@@ -36,6 +39,7 @@ Floats = NDArray[np.float64]
 NEAR_HOME_M = 400.0  # a way around that ends farther from home does not lead home
 BEYOND_M = 20.0  # distance of the loiter outside from the margin of a volume
 LEVEL_CLEARANCE_M = 30.0  # least height above ground of a level flight out of a volume
+DETOURS = (1.0, 3.0)  # a mission has fewer corners than a way around, so that it is nearer
 CUTS_M = (0.0, 150.0, 300.0, 600.0)  # the path is shortened by each length until it is free
 
 
@@ -65,19 +69,24 @@ class Evasions:
         around = self._around(fix, airspace)
         beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
-        found = None
+        # A plane may be led towards rising ground, or enter another volume in its turn, if there
+        # is no other way out.
+        found, drawbacks = None, (True, True)
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
-            items, planned = self._straight_off(vehicle, path, fix)
-            for way in self._altitudes_of(items, path, fix, beyond_m):
-                places = planned if way is items else self._space.route(vehicle, way)
-                if self._enters_another(places, fix, airspace):
+            planned = self._straight_off(vehicle, path, fix)
+            items = without_climb(planned)
+            for way in self._altitudes_of(vehicle, items, path, fix, beyond_m):
+                places = self._space.route(vehicle, way)
+                if self._enters_another(places, fix, airspace) is not None:
                     continue
                 turn = self._space.of_mission(vehicle, places)
-                if not self._enters_another(places, fix, airspace, turn):
-                    return self._exit(vehicle, path, way, places, fix, state)
-                found = found or (path, way, places)
-        # A plane may enter another volume in its turn, but there is no other way out.
+                turns_into = self._enters_another(places, fix, airspace, turn) is not None
+                of_this = (items != planned, turns_into)
+                if found is None or of_this < drawbacks:
+                    found, drawbacks = (path, way, places), of_this
+            if drawbacks == (False, False):
+                break
         return None if found is None else self._exit(vehicle, *found, fix, state)
 
     def _exit(
@@ -93,42 +102,71 @@ class Evasions:
         return self._upload(vehicle, path, items, places, fix, "leave closed airspace", state)
 
     def _altitudes_of(
-        self, items: Items, path: Floats, fix: PositionFix, reach_m: float
+        self, vehicle: Vehicle, items: Items, path: Floats, fix: PositionFix, reach_m: float
     ) -> Iterator[Items]:
         """Yield a mission out of a volume at different altitudes, the preferred one first.
 
-        A descent from above a volume could enter it, as could a climb from below. A level flight
-        is clear of the ground within ``reach_m`` of its way.
+        A descent from above a volume could enter it, as could a climb from below. The last mission
+        climbs no more than it must to be clear of the ground under its way, and within ``reach_m``
+        of its end; a multirotor climbs before it leaves its position.
         """
         yield _at_altitudes(items, lambda z: max(z, fix.altitude_m))
         yield items
         start, end = (fix.x_m, fix.y_m), (float(path[-1, 0]), float(path[-1, 1]))
-        ground_m = highest_ground_m(self._landscape, start, end, reach_m)
-        if fix.altitude_m - ground_m >= LEVEL_CLEARANCE_M:
-            yield _at_altitudes(items, lambda z: min(z, fix.altitude_m))
+        beside_m = reach_m if vehicle.section.winged else COPTER_REACH_M
+        ground_m = max(
+            highest_ground_m(self._landscape, start, end, beside_m),
+            highest_ground_m(self._landscape, end, end, reach_m),
+        )
+        low_m = max(fix.altitude_m, round(ground_m + LEVEL_CLEARANCE_M, 1))
+        if low_m > fix.altitude_m and not vehicle.section.winged:
+            items = self._guidance.items(vehicle, path, fix)
+        yield _at_altitudes(items, lambda z: min(z, low_m))
 
     def way_home(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace, state: AirspaceState
     ) -> UploadMission | None:
-        """Return the mission home around the volumes; the autopilot's return follows near home."""
+        """Return the mission home around volumes, above the ground; a return follows near home."""
         straight_home = np.array([(fix.x_m, fix.y_m), vehicle.home_m])
-        path = self._closed.detours(airspace.volumes, vehicle.section).around(straight_home)
-        if path is None or math.dist(path[-1], vehicle.home_m) > NEAR_HOME_M:
-            return None
-        outside = airspace.volume_at(position_of(fix)) is None
-        if outside:
-            items = self._guidance.items(vehicle, path, fix)
+        for factor in DETOURS:
+            detours = self._closed.detours(airspace.volumes, vehicle.section, factor)
+            path = detours.around(straight_home)
+            if path is None or math.dist(path[-1], vehicle.home_m) > NEAR_HOME_M:
+                return None
+            if airspace.volume_at(position_of(fix)) is None:
+                items = self._guidance.items(vehicle, path, fix)
+            else:
+                items = without_climb(self._straight_off(vehicle, path, fix))
             places = self._space.route(vehicle, items)
-            parts = self._space.of_mission(vehicle, places)
-            if airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
-                return None
-        else:
-            items, places = self._straight_off(vehicle, path, fix)
-            if self._enters_another(places, fix, airspace):
-                return None
-        state.evasion = Evasion.AROUND
-        why = "fly home around closed airspace"
-        return self._upload(vehicle, path, items, places, fix, why, state)
+            if self._around_conflict(vehicle, fix, places, airspace) is None:
+                state.evasion = Evasion.AROUND
+                why = "fly home clear of closed airspace and terrain"
+                return self._upload(vehicle, path, items, places, fix, why, state)
+        return None
+
+    def conflict(
+        self, vehicle: Vehicle, fix: PositionFix, state: AirspaceState, airspace: Airspace
+    ) -> str | None:
+        """Return the airspace that the evasion on board would enter if it begins now; or None.
+
+        A volume may have closed since the evasion was planned.
+        """
+        if state.evasion is Evasion.AROUND:
+            return self._around_conflict(vehicle, fix, state.on_board, airspace)
+        return self._enters_another(state.on_board, fix, airspace)
+
+    def _around_conflict(
+        self,
+        vehicle: Vehicle,
+        fix: PositionFix,
+        places: tuple[MissionPlace, ...],
+        airspace: Airspace,
+    ) -> str | None:
+        """Return the airspace that a flight home around closed volumes would enter, or None."""
+        if airspace.volume_at(position_of(fix)) is not None:
+            return self._enters_another(places, fix, airspace)
+        parts = self._space.of_mission(vehicle, places)
+        return airspace.conflict(parts, self._landscape, position_of(fix))
 
     def _around(self, fix: PositionFix, airspace: Airspace) -> list[Volume]:
         """Return the volumes that contain a vehicle, or have it within their margin."""
@@ -143,33 +181,31 @@ class Evasions:
         fix: PositionFix,
         airspace: Airspace,
         turn: Sequence[Part] = (),
-    ) -> bool:
-        """Return whether a flight out of volumes would enter another one, or loiter in any.
+    ) -> str | None:
+        """Return the airspace that a flight out of volumes would enter, or None.
 
-        ``turn`` is the space of the turn at its beginning.
+        This is another volume, or any volume at its end. ``turn`` is the space of the turn at its
+        beginning.
         """
         parts = [*turn, *mission_parts(places, [position_of(fix)])]
         around = self._around(fix, airspace)
         others = replace(
             airspace, volumes=tuple(each for each in airspace.volumes if each not in around)
         )
-        enters = others.conflict(parts, self._landscape) is not None
-        return enters or airspace.conflict(parts[-1:], self._landscape) is not None
+        enters = others.conflict(parts, self._landscape)
+        return enters or airspace.conflict(parts[-1:], self._landscape)
 
-    def _straight_off(
-        self, vehicle: Vehicle, path: Floats, fix: PositionFix
-    ) -> tuple[Items, tuple[MissionPlace, ...]]:
-        """Return a mission out of a volume, and its positions, without delay at its beginning.
+    def _straight_off(self, vehicle: Vehicle, path: Floats, fix: PositionFix) -> Items:
+        """Return a mission out of a volume, without a return to the position where it begins.
 
         A waypoint at the vehicle's position would cause a plane to turn back, and a multirotor to
         climb there first. The multirotor does so only if its way is not clear of the terrain.
         """
         items = self._guidance.items(vehicle, path[1:], fix)
-        places = self._space.route(vehicle, items)
-        if vehicle.section.winged or self._is_clear(position_of(fix), places[0].position):
-            return items, places
-        items = self._guidance.items(vehicle, path, fix)
-        return items, self._space.route(vehicle, items)
+        first = self._space.route(vehicle, items)[0].position
+        if vehicle.section.winged or self._is_clear(position_of(fix), first):
+            return items
+        return self._guidance.items(vehicle, path, fix)
 
     def _is_clear(self, start: Position, end: Position) -> bool:
         """Return whether no part of a straight climb is nearer to the ground than its ends."""
@@ -187,8 +223,8 @@ class Evasions:
     ) -> HoldAt | Hold:
         """Return the hold that replaces a descent into closed airspace.
 
-        It is the lowest hold above the volumes at the same place, at most at the present altitude;
-        else the lower hold at the nearest free place; else a hold where the vehicle is.
+        The result is the lowest hold above the volumes at the same place, at most at the present
+        altitude; else the lower hold at the nearest free place; else a hold where the vehicle is.
         """
         up_m, space = airspace.margins.vertical_m, self._space.of_hold_at(vehicle, command)
         ceilings_m = [volume.ceiling_m + up_m + 1.0 for volume in airspace.volumes]
@@ -200,14 +236,16 @@ class Evasions:
             if altitude_m == fix.altitude_m:
                 return Hold(vehicle.name)
             return msgspec.structs.replace(command, altitude_amsl_m=round(altitude_m, 1))
-        return self._lower_place(vehicle, fix, command, airspace) or Hold(vehicle.name)
+        return self.free_place(vehicle, fix, command, airspace) or Hold(vehicle.name)
 
-    def _lower_place(
+    def free_place(
         self, vehicle: Vehicle, fix: PositionFix, command: HoldAt, airspace: Airspace
     ) -> HoldAt | None:
-        """Return the nearest free place for a lower hold, on a straight way out of the margins.
+        """Return the nearest free place for a hold, on a straight way out of the margins.
 
-        The altitude is as high above the highest ground around as that of the command.
+        The altitude is as high above the highest ground on the way as that of the command above the
+        highest ground around. No place is free if the way would climb higher than the vehicle or
+        the command is.
         """
         if self._landscape.elevation_m is None:
             return None
@@ -215,9 +253,8 @@ class Evasions:
         x_m, y_m = map(float, self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg))
         reach_m = 2.0 * LOITER_RADIUS_FACTOR * radius_m
         ground_m = highest_ground_m(self._landscape, (x_m, y_m), (x_m, y_m), reach_m)
-        blocked = blocked_area(
-            airspace.blocked(command.altitude_amsl_m, fix.altitude_m), airspace.margins.horizontal_m
-        )
+        low_m, high_m = sorted((command.altitude_amsl_m, fix.altitude_m))
+        blocked = blocked_area(airspace.blocked(low_m, high_m), airspace.margins.horizontal_m)
         beyond_m = LOITER_RADIUS_FACTOR * radius_m + BEYOND_M
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             if not self._landscape.contains(*place):
@@ -226,11 +263,9 @@ class Evasions:
             up_m = max(way_ground_m - ground_m, 0.0)
             altitude_m = round(command.altitude_amsl_m + up_m, 1)
             target = MissionPlace((*place, altitude_m), radius_m, 0)
-            if altitude_m > fix.altitude_m or self._enters_another((target,), fix, airspace):
+            if altitude_m > high_m or self._enters_another((target,), fix, airspace) is not None:
                 continue
-            lat_deg, lon_deg = self._landscape.lat_lon_of(*place)
-            there = (round(float(lat_deg), 7), round(float(lon_deg), 7), altitude_m)
-            return HoldAt(vehicle.name, *there)
+            return hold_over(place, altitude_m, vehicle.name, self._landscape)
         return None
 
     def _upload(
@@ -251,7 +286,7 @@ class Evasions:
         vehicle.holding, vehicle.hold_again_at_s = True, None  # no hold interrupts the evasion
         vehicle.hold_at = None
         state.evasion_id = upload.mission_id
-        state.sent[upload.mission_id] = places
+        state.sent[upload.mission_id] = (places, self._space.landing(vehicle, items))
         return upload
 
     def around(
@@ -261,14 +296,14 @@ class Evasions:
         places: tuple[MissionPlace, ...],
         airspace: Airspace,
     ) -> tuple[UploadMission, tuple[MissionPlace, ...]] | None:
-        """Return the mission on a path around the closed volumes and its positions, or None.
+        """Return the mission around the closed volumes, and its positions; None without a path.
 
         ``places`` are the positions of the mission ``command``.
         """
         fix = vehicle.availability.fix
         if fix is None:
             return None
-        start = position_of(fix) if vehicle.availability.airborne else None
+        start = self._space.start_of(vehicle)
         positions = [place.position for place in places]
         altitudes = [fix.altitude_m, *(position[2] for position in positions)]
         near = airspace.blocked(min(altitudes), max(altitudes))
@@ -276,11 +311,13 @@ class Evasions:
         here = np.array([(fix.x_m, fix.y_m)])
         if len(path) == 1 or math.dist(path[0], here[0]) > 1.0:
             path = np.vstack([here, path])
-        around = self._closed.detours(near, vehicle.section).around(path)
-        for cut_m in CUTS_M if around is not None else ():
+        for factor, cut_m in product(DETOURS, CUTS_M):
+            around = self._closed.detours(near, vehicle.section, factor).around(path)
+            if around is None:
+                break
             line = shapely.LineString(around)
             if line.length - cut_m < vehicle.section.min_leg_m:
-                break
+                continue
             cut = shapely.get_coordinates(substring(line, 0.0, line.length - cut_m))
             items = self._guidance.items(vehicle, cut, fix)
             cut_places = self._space.route(vehicle, items)

@@ -4,7 +4,8 @@ Each command is checked before it is sent (``checked``), whichever module made i
 that would enter a closed volume is led around it, or not sent. When a volume closes, and at each
 report of a position, the flight that a vehicle has begun is checked (``watch``). A vehicle that
 would enter gets a new mission from its planner; if it has none in time, it holds before the volume.
-A vehicle inside leaves by the shortest way and holds outside.
+A vehicle inside leaves by the shortest way and holds outside. A return that would be too low for
+the ground is replaced by a mission that leads home over the ground.
 """
 
 import math
@@ -12,19 +13,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Literal
 
-import msgspec
 import shapely
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
-from mission_service.airspace.clearance import Airspace
+from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
     MissionPlace,
-    Part,
-    mission_parts,
-    straight,
 )
 from mission_service.airspace.operational_intent import IntendedPart
 from mission_service.airspace.volumes import Volume, require_homes_inside
@@ -35,28 +32,30 @@ from mission_service.commands import (
     Hold,
     HoldAt,
     Orbit,
-    RaiseAlarm,
     Return,
     Severity,
     StartMission,
     UploadMission,
 )
 from mission_service.config.scenario import Scenario
-from mission_service.core.airspace_evasions import Evasions
+from mission_service.core.airspace_evasions import NEAR_HOME_M, Evasions
 from mission_service.core.closed_airspace import ClosedAirspace
-from mission_service.core.flight_space import FlightSpace, position_of
+from mission_service.core.flight_space import RETURN_ABOVE_M, FlightSpace, position_of
+from mission_service.core.place_checks import PlaceChecks
+from mission_service.core.return_ground import CLEAR_AGAIN_M, CLEARANCE_M, ReturnGround
 from mission_service.guidance.protocol import Guidance
 from mission_service.position_fix import PositionFix
-from mission_service.vehicles.airspace_state import AirspaceState, Evasion
+from mission_service.vehicles.airspace_state import AIRSPACE, AirspaceState, Evasion, raised
 from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
-AIRSPACE = "airspace"
 CHANGED = "the airspace has changed"
 BEFORE_ENTRY_S = 25.0  # a vehicle without a new mission holds this time before it would enter
 ACTS_AGAIN_S = 15.0  # longer than an upload
+RETURNS_AGAIN_S = 30.0  # longer than the bridge's repetitions of a return
 START_AGAIN_S = 10.0
+FAILED_WAYS_HOME = 2  # after these uploads a vehicle climbs to return straight
 
 
 class AirspaceGuard:
@@ -69,16 +68,20 @@ class AirspaceGuard:
         vehicles: Mapping[str, Vehicle],
         missions: MissionsSent,
         guidance: Guidance,
+        return_ground: ReturnGround,
     ) -> None:
         """Read the scenario's volumes. Raises ScenarioError for a volume that cannot be used."""
         self._closed = ClosedAirspace(scenario.airspace, landscape)
         require_homes_inside(scenario, landscape)
         self._space = FlightSpace(landscape)
-        self._evasions = Evasions(landscape, self._closed, self._space, missions, guidance)
-        self._landscape = landscape
-        self._vehicles = vehicles
-        self._diverts = not scenario.way.prescribed  # a burn's vehicle climbs to its safe height
         self._states = {name: AirspaceState() for name in vehicles}
+        self._evasions = Evasions(landscape, self._closed, self._space, missions, guidance)
+        self._places = PlaceChecks(landscape, self._space, self._evasions, self._states)
+        self._landscape = landscape
+        self._return_ground = return_ground
+        self._vehicles = vehicles
+        self._landings_version = 0  # version of the airspace for which landings are planned
+        self._diverts = not scenario.way.prescribed  # a burn's vehicle climbs to its safe height
 
     @property
     def volumes(self) -> tuple[Volume, ...]:
@@ -101,7 +104,7 @@ class AirspaceGuard:
                 return []
 
     def exit_step(self, name: str) -> Literal["", "sent", "on board", "flown"]:
-        """Return how far the mission has come by which a vehicle leaves a volume; "" without."""
+        """Return the progress of the mission by which a vehicle leaves a volume; "" without one."""
         state = self._states[name]
         if state.evasion is not Evasion.EXIT:
             return ""
@@ -113,6 +116,7 @@ class AirspaceGuard:
         """End the evasion of a vehicle, because an order for it is executed."""
         state = self._states[name]
         state.evasion, state.checked, state.acts_again_at_s = Evasion.NONE, (), -math.inf
+        state.failed_ways_home = 0
 
     def _announced(self, words: str) -> list[AnyCommand]:
         first = next(iter(self._vehicles.values()), None)
@@ -150,7 +154,8 @@ class AirspaceGuard:
                 case StartMission():
                     found += self._checked_start(command, airspace, at_s)
                 case Orbit() | ClimbAndHold() | HoldAt():
-                    found += self._checked_place(command, airspace)
+                    vehicle = self._vehicles[command.vehicle]
+                    found += self._places.checked(vehicle, command, airspace)
                 case Return():
                     found += self._checked_return(command, airspace, at_s)
                 case _:
@@ -177,7 +182,7 @@ class AirspaceGuard:
                 words = f"a mission is not sent, because it would enter {conflict}"
                 return self._withheld(vehicle, words)
             command, places = led_around
-        state.sent[command.mission_id] = places
+        state.sent[command.mission_id] = (places, self._space.landing(vehicle, command.items))
         state.withheld = False
         return [command]
 
@@ -188,9 +193,9 @@ class AirspaceGuard:
         state = self._states[vehicle.name]
         if not state.on_board:
             return [command]
-        if state.on_board_id == state.evasion_id != 0:  # a way out: its end must be free
-            end = mission_parts(state.on_board)[-1:]
-            conflict = airspace.conflict(end, self._landscape)
+        fix = vehicle.availability.fix
+        if fix is not None and state.on_board_id == state.evasion_id != 0:
+            conflict = self._evasions.conflict(vehicle, fix, state, airspace)
             state.acts_again_at_s = state.acts_again_at_s if conflict is None else at_s
         else:
             conflict = self._conflict(vehicle, state.on_board, airspace)
@@ -204,65 +209,6 @@ class AirspaceGuard:
             vehicle.start_again_at_s = at_s + START_AGAIN_S
         return self._withheld(vehicle, f"is not started: its mission would enter {conflict}")
 
-    def _checked_place(
-        self, command: Orbit | ClimbAndHold | HoldAt, airspace: Airspace
-    ) -> list[AnyCommand]:
-        vehicle = self._vehicles[command.vehicle]
-        fix = vehicle.availability.fix
-        if fix is None:
-            return [command]
-        place = self._space.of_hold_at(vehicle, command)
-        x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
-        target = (float(x_m), float(y_m), command.altitude_amsl_m)
-        parts = [straight(position_of(fix), target), place]
-        if isinstance(command, HoldAt):  # a descent from above the altitude limit is free
-            airspace = replace(airspace, max_altitude_agl_m=None)
-        conflict = airspace.conflict(parts, self._landscape, position_of(fix))
-        if conflict is not None and isinstance(command, Orbit):
-            return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
-        if conflict is not None and isinstance(command, HoldAt):
-            if target[2] > fix.altitude_m and math.dist(target[:2], (fix.x_m, fix.y_m)) < 1.0:
-                return [self._below_volumes(command, place, airspace, fix)]
-            return self._freed_hold(vehicle, fix, command, airspace, conflict)
-        self._states[vehicle.name].orbit = place
-        return [command]  # a climb away from the flames is more urgent
-
-    def _below_volumes(
-        self, command: HoldAt, place: Part, airspace: Airspace, fix: PositionFix
-    ) -> HoldAt:
-        """Return a hold that is raised because of the ground: in a vertical margin, if need be."""
-        floors_m = [
-            volume.floor_m
-            for volume in airspace.volumes
-            if volume.floor_m > place.lowest_m - airspace.margins.vertical_m
-            and shapely.intersects(volume.area_m, place.shape)
-        ]
-        below_m = min([command.altitude_amsl_m, *(up - 1.0 for up in floors_m)])
-        altitude_m = round(max(below_m, fix.altitude_m), 1)
-        self._vehicles[command.vehicle].hold_at = None
-        return msgspec.structs.replace(command, altitude_amsl_m=altitude_m)
-
-    def _freed_hold(
-        self,
-        vehicle: Vehicle,
-        fix: PositionFix,
-        command: HoldAt,
-        airspace: Airspace,
-        conflict: str,
-    ) -> list[AnyCommand]:
-        """Return a hold outside closed airspace in place of a descent that would enter it."""
-        free = self._evasions.free_hold(vehicle, fix, command, airspace)
-        vehicle.hold_at = None
-        if isinstance(free, HoldAt):
-            vehicle.hold_at = (free.lat_deg, free.lon_deg, free.altitude_amsl_m)
-            self._states[vehicle.name].orbit = self._space.of_hold_at(vehicle, free)
-            return [free]
-        stays = self._space.of_hold(vehicle, position_of(fix))
-        if airspace.conflict([stays], self._landscape) is None:
-            return [free]
-        words = f"holds where it is: no lower hold is free of {conflict}"
-        return [*self._raised(vehicle, words, "severe"), free]
-
     def _checked_return(self, command: Return, airspace: Airspace, at_s: float) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
         if not self._may_divert(vehicle):
@@ -271,7 +217,8 @@ class AirspaceGuard:
         assert fix is not None
         conflict = self._return_conflict(vehicle, fix, airspace)
         if conflict is None:
-            self._states[vehicle.name].home_clear_version = self._closed.version
+            state = self._states[vehicle.name]
+            state.home_clear_version, state.return_sent_s = self._closed.version, at_s
             return [command]
         evades = self._evade(vehicle, fix, airspace, conflict, at_s, returns=True)
         if any(type(each) in LEADS_TO for each in evades):
@@ -292,6 +239,21 @@ class AirspaceGuard:
             return volume.words
         on_board = self._states[vehicle.name].on_board if vehicle.flown_line is not None else ()
         return self._conflict(vehicle, on_board, airspace) or ""
+
+    def mission_and_return(
+        self, vehicle: Vehicle
+    ) -> tuple[tuple[MissionPlace, ...], tuple[float, float]]:
+        """Return the positions of the mission on board, and that to which a return leads (x, y).
+
+        There are no positions of a mission without a takeoff.
+        """
+        takes_off = vehicle.accepted is not None and vehicle.accepted.takes_off
+        places = self._states[vehicle.name].on_board if takes_off else ()
+        return places, self.return_goal_m(vehicle)
+
+    def return_goal_m(self, vehicle: Vehicle) -> tuple[float, float]:
+        """Return the position (x, y) to which a return of a vehicle leads straight."""
+        return self._space.return_goal_m(vehicle, self._states[vehicle.name])
 
     def return_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
         """Return why a vehicle cannot fly straight home now; "" if the way is free."""
@@ -319,43 +281,61 @@ class AirspaceGuard:
     def apply(self, event: events.VehicleEvent) -> list[AnyCommand]:
         """Record which mission is on board, and how far it is flown.
 
-        Returns an alarm if the link to a vehicle is lost that may be in closed airspace.
+        Returns an alarm if a vehicle that may be in closed airspace has lost its link.
         """
+        self._plan_landings(event.at_us / 1e6)
         state = self._states[event.vehicle]
         match event:
             case events.UploadFinished():
-                places = state.sent.get(event.mission_id)
-                if event.outcome == "accepted" and places is not None:
-                    self._put_on_board(state, event.mission_id, places)
+                sent = state.sent.get(event.mission_id)
+                if event.outcome == "accepted" and sent is not None:
+                    self._put_on_board(state, event.mission_id, *sent)
                     pending = self._vehicles[event.vehicle].pending
                     # An upload that the evasion has superseded does not end the evasion.
                     awaited = pending is not None and pending.mission_id == event.mission_id
                     if awaited and event.mission_id != state.evasion_id:
                         state.evasion = Evasion.NONE
+                if event.mission_id == state.evasion_id:
+                    _count_failure(state, event)
             case events.MissionReadBack():
-                places = state.sent.get(event.mission_id)
-                if places is not None:
-                    self._put_on_board(state, event.mission_id, places)
+                sent = state.sent.get(event.mission_id)
+                if sent is not None:
+                    self._put_on_board(state, event.mission_id, *sent)
                 elif event.mission_id != state.on_board_id:
-                    state.on_board, state.on_board_id = (), 0
+                    state.on_board, state.on_board_id, state.landing = (), 0, ()
             case events.ModeChanged():
                 state.began_at = None
                 if not event.armed or event.mode in GOING_HOME:
-                    state.evasion = Evasion.NONE
+                    state.evasion, state.failed_ways_home = Evasion.NONE, 0
             case events.LinkLost():
                 return self._unreachable(event.at_us / 1e6)
             case _:
                 pass
         return []
 
+    def _plan_landings(self, at_s: float) -> None:
+        """Plan the landings of all vehicles again after the airspace has changed."""
+        airspace = self._closed.at(at_s)
+        if self._landings_version == self._closed.version:
+            return
+        self._landings_version = self._closed.version
+        for vehicle in self._vehicles.values():
+            home_amsl_m = float(self._landscape.elevation_at(*vehicle.home_m))
+            near = airspace.blocked(home_amsl_m, home_amsl_m + RETURN_ABOVE_M)
+            vehicle.landing.keep_clear_of(blocked_area(near, airspace.margins.horizontal_m))
+
     def _put_on_board(
-        self, state: AirspaceState, mission_id: int, places: tuple[MissionPlace, ...]
+        self,
+        state: AirspaceState,
+        mission_id: int,
+        places: tuple[MissionPlace, ...],
+        landing: tuple[MissionPlace, ...],
     ) -> None:
-        state.on_board_id, state.on_board = mission_id, places
+        state.on_board_id, state.on_board, state.landing = mission_id, places, landing
         state.sent = {number: sent for number, sent in state.sent.items() if number > mission_id}
 
     def controls_return(self, name: str) -> bool:
-        """Return whether a vehicle that was sent home flies around closed volumes, or waits.
+        """Return whether a vehicle that was sent home flies a mission home, or waits.
 
         No planner changes this flight.
         """
@@ -363,9 +343,18 @@ class AirspaceGuard:
         return vehicle.sent_home and state.evasion is not Evasion.NONE
 
     def leads_home(self, name: str) -> bool:
-        """Return whether a vehicle flies home around closed volumes now."""
+        """Return whether a vehicle flies a mission home, clear of closed airspace and terrain."""
         around = self._states[name].evasion is Evasion.AROUND
         return around and self._flies_out(self._vehicles[name])
+
+    def is_led_home(self, name: str) -> bool:
+        """Return whether a vehicle flies a mission home, or this mission is being sent."""
+        return self._vehicles[name].sent_home and self._states[name].evasion is Evasion.AROUND
+
+    def must_be_led_home(self, vehicle: Vehicle) -> bool:
+        """Return whether a return would be too low for the ground, so that a mission leads home."""
+        fix = vehicle.availability.fix
+        return fix is not None and self._ground_on_way_home(vehicle, fix) is not None
 
     def watch(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Check the present flight of a vehicle; return the commands that keep it out."""
@@ -507,18 +496,21 @@ class AirspaceGuard:
     ) -> list[AnyCommand]:
         """Return the order to return, once the straight way home is free.
 
-        A vehicle that was sent home and does not fly there, because no way was free or the upload
-        or the start of its mission failed, also gets a mission around the volumes as soon as there
-        is one.
+        A mission home, which flies high over the ground, ends only where the return has more than
+        the least clearance. A vehicle that was sent home and does not fly there, because no way was
+        free or the upload or the start of its mission failed, also gets a mission around the
+        volumes as soon as there is one.
         """
         state, at_s = self._states[vehicle.name], fix.at_s
         flies = self.leads_home(vehicle.name)
         waits = vehicle.sent_home and state.evasion is not Evasion.NONE and not flies
         if not (waits or flies) or vehicle.start_under_way or not self._may_divert(vehicle):
             return []
-        if vehicle.pending is not None or at_s < state.acts_again_at_s:
+        again_at_s = max(state.acts_again_at_s, state.return_sent_s + RETURNS_AGAIN_S)
+        if vehicle.pending is not None or at_s < again_at_s:
             return []
-        if self._return_conflict(vehicle, fix, airspace) is None:
+        clearance_m = CLEAR_AGAIN_M if flies else CLEARANCE_M
+        if self._return_conflict(vehicle, fix, airspace, clearance_m) is None:
             state.home_clear_version = self._closed.version
             state.acts_again_at_s = at_s + ACTS_AGAIN_S
             vehicle.sent_home = vehicle.waits_for_operator = True
@@ -528,41 +520,96 @@ class AirspaceGuard:
         if around is None:
             return []
         state.acts_again_at_s = at_s + ACTS_AGAIN_S
-        return [announce(vehicle, "flies home around closed airspace"), around]
+        words = "flies home clear of closed airspace and terrain"
+        climbs = self._climbs_to_return(vehicle, fix, airspace)
+        return [*climbs, announce(vehicle, words), around]
+
+    def _climbs_to_return(
+        self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
+    ) -> list[AnyCommand]:
+        """Return the climb for a vehicle that accepts no mission home over the ground.
+
+        A return follows when the climb is complete. If a climb does not help, or would enter closed
+        airspace, an alarm is raised.
+        """
+        if self._states[vehicle.name].failed_ways_home < FAILED_WAYS_HOME:
+            return []
+        if self._closed_on_way_home(vehicle, fix, airspace):
+            return []
+        climb = self._return_ground.climb(vehicle, fix, self.return_goal_m(vehicle))
+        words = "accepts no mission home clear of terrain"
+        if climb is None or self._enters_in_climb(vehicle, fix, climb, airspace):
+            return self._raised(vehicle, f"{words}, and its return would be too low", "severe")
+        words += f": climbs to {climb.altitude_amsl_m:.0f} m AMSL to return"
+        return [*self._raised(vehicle, words, "severe"), climb]
+
+    def _enters_in_climb(
+        self, vehicle: Vehicle, fix: PositionFix, climb: HoldAt, airspace: Airspace
+    ) -> bool:
+        """Return whether a climb to a hold would enter closed airspace."""
+        column = replace(self._space.of_hold_at(vehicle, climb), lowest_m=fix.altitude_m)
+        return airspace.conflict([column], self._landscape, position_of(fix)) is not None
 
     def _conflict(
         self, vehicle: Vehicle, places: tuple[MissionPlace, ...], airspace: Airspace
     ) -> str | None:
         """Return the airspace that a mission would enter if it begins now."""
-        fix = vehicle.availability.fix
-        start = position_of(fix) if fix is not None and vehicle.availability.airborne else None
         parts = self._space.of_mission(vehicle, places)
-        return airspace.conflict(parts, self._landscape, start)
+        return airspace.conflict(parts, self._landscape, self._space.start_of(vehicle))
 
     def _flight_conflict(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
     ) -> str | None:
         """Return the airspace that the flight under way would enter."""
+        if vehicle.availability.mode in GOING_HOME:
+            return self._closed_on_way_home(vehicle, fix, airspace)
         parts = self._space.of_flight(vehicle, fix, self._states[vehicle.name])
         return airspace.conflict(parts, self._landscape, position_of(fix))
 
     def _return_conflict(
+        self,
+        vehicle: Vehicle,
+        fix: PositionFix,
+        airspace: Airspace,
+        clearance_m: float = CLEARANCE_M,
+    ) -> str | None:
+        """Return, in words, the airspace that a return would enter if it begins now, or None.
+
+        This is closed airspace, or that less than ``clearance_m`` above the ground.
+        """
+        closed = self._closed_on_way_home(vehicle, fix, airspace)
+        return closed or self._ground_on_way_home(vehicle, fix, clearance_m)
+
+    def _closed_on_way_home(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
     ) -> str | None:
-        """Return the airspace that a return would enter if it begins now."""
-        parts = self._space.of_return(vehicle, fix)
-        return airspace.conflict(parts, self._landscape, position_of(fix))
+        """Return, in words, the closed volume that a return would enter, or None.
+
+        A return does not follow the ground, so that the limit above ground does not apply.
+        """
+        parts = self._space.of_return(vehicle, fix, self._states[vehicle.name])
+        volumes = replace(airspace, max_altitude_agl_m=None)
+        return volumes.conflict(parts, self._landscape, position_of(fix))
+
+    def _ground_on_way_home(
+        self, vehicle: Vehicle, fix: PositionFix, clearance_m: float = CLEARANCE_M
+    ) -> str | None:
+        """Return, in words, the airspace close above ground on the straight way home, or None.
+
+        Near home the way is not compared, so that a mission home always ends in a return.
+        """
+        goal_m = self.return_goal_m(vehicle)
+        near_m = math.dist((fix.x_m, fix.y_m), goal_m)
+        if near_m <= NEAR_HOME_M or self._space.start_of(vehicle) is None:
+            return None
+        return self._return_ground.obstacle(vehicle, fix, goal_m, clearance_m)
 
     # Alarms -----------------------------------------------------------------------------------
 
     def _raised(
         self, vehicle: Vehicle, words: str, severity: Severity = "warning"
     ) -> list[AnyCommand]:
-        state = self._states[vehicle.name]
-        if words == state.alarm:
-            return []
-        state.alarm = words
-        return [RaiseAlarm(vehicle.name, AIRSPACE, words, severity)]
+        return raised(vehicle, self._states[vehicle.name], words, severity)
 
     def _withheld(self, vehicle: Vehicle, words: str) -> list[AnyCommand]:
         """Raise the alarm about a command that is not sent, unless it states an evasion."""
@@ -577,6 +624,14 @@ class AirspaceGuard:
             return []
         state.alarm = ""
         return [ClearAlarm(vehicle.name, AIRSPACE)]
+
+
+def _count_failure(state: AirspaceState, event: events.UploadFinished) -> None:
+    """Count the missions home that the autopilot has not accepted one after the other."""
+    if event.outcome == "accepted":
+        state.failed_ways_home = 0
+    elif event.outcome != "cancelled" and state.evasion is Evasion.AROUND:
+        state.failed_ways_home += 1
 
 
 def _inside(airspace: Airspace, fix: PositionFix) -> str | None:

@@ -25,7 +25,7 @@ class ClosedAirspace:
         self._margins = Margins(section.margin_m, section.vertical_margin_m)
         self._max_agl_m = section.max_altitude_agl_m
         self._landscape = landscape
-        self._closed: tuple[Volume, ...] = ()
+        self._airspace = Airspace((), self._margins, self._max_agl_m)
         self._detours: dict[tuple[str, ...], Detours] = {}
 
     def close(self, event: events.AirspaceClosed) -> str:
@@ -57,16 +57,20 @@ class ClosedAirspace:
 
     def at(self, at_s: float) -> Airspace:
         """Return the airspace at a mission time; volumes count as closed ``lead_s`` earlier."""
-        closed = tuple(each for each in self.volumes if each.is_closed(at_s, self._lead_s))
-        if closed != self._closed:
-            self._closed, self._detours = closed, {}
+        closed = tuple([each for each in self.volumes if each.is_closed(at_s, self._lead_s)])
+        if closed != self._airspace.volumes:
+            self._airspace = Airspace(closed, self._margins, self._max_agl_m)
+            self._detours = {}
             self.version += 1
-        return Airspace(closed, self._margins, self._max_agl_m)
+        return self._airspace
 
-    def detours(self, volumes: Iterable[Volume], section: VehicleSection) -> Detours:
-        """Return the ways around closed volumes for a vehicle; computed once for each selection."""
+    def detours(self, volumes: Iterable[Volume], section: VehicleSection, factor: float) -> Detours:
+        """Return the ways around closed volumes for a vehicle; computed once for each selection.
+
+        ``factor`` multiplies the distance by which the ways are longer than the margins require.
+        """
         volumes = tuple(volumes)
-        extra_m = section.turn_radius_m / 2.0 if section.winged else 10.0
+        extra_m = factor * (section.turn_radius_m / 2.0 if section.winged else 10.0)
         key = (*(volume.name for volume in volumes), f"{extra_m:g}")
         if key not in self._detours:
             area = blocked_area(volumes, self._margins.horizontal_m + extra_m)

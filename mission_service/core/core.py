@@ -42,6 +42,7 @@ from mission_service.core.other_aircraft import OtherAircraft
 from mission_service.core.preflight import Preflight
 from mission_service.core.reliefs import Reliefs
 from mission_service.core.request_results import RequestResults
+from mission_service.core.return_ground import ReturnGround
 from mission_service.core.return_parameters import return_read
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
@@ -98,14 +99,25 @@ class Core:
             for section in scenario.flown
         }
         self._energy = EnergyWatch(scenario, landscape)
+        self.return_ground = ReturnGround(landscape, self._energy)
         self.airspace = AirspaceGuard(
-            scenario, landscape, self.vehicles, self._missions, self.guidance
+            scenario,
+            landscape,
+            self.vehicles,
+            self._missions,
+            self.guidance,
+            self.return_ground,
         )
         self._other_aircraft: OtherAircraft | None = None
         if scenario.surveillance is not None:
             self._other_aircraft = OtherAircraft(scenario.surveillance, scenario, landscape)
         self._preflight = Preflight(
-            scenario, landscape, self._energy, self.airspace, self._other_aircraft
+            scenario,
+            landscape,
+            self._energy,
+            self.airspace,
+            self.return_ground,
+            self._other_aircraft,
         )
         self._starts = MissionStarts(scenario, self.traffic, self.guidance, self._preflight)
         self._landings = Landings(
@@ -187,7 +199,9 @@ class Core:
         """Return whether a command must not be sent; this check is independent of the callers.
 
         A command is withheld if it would change a mode that the autopilot or the pilot selected, or
-        if it would start a vehicle without an operator's order. A confirmed order is sent.
+        if it would start a vehicle without an operator's order. A command that an operator
+        confirmed is sent. An order to start that was given in the air does not start a vehicle that
+        has landed since, and no hold lifts it off again.
         """
         if type(command) not in LEADS_TO:
             return False
@@ -198,6 +212,12 @@ class Core:
                 vehicle.drop_upload()
             return True
         if isinstance(command, Land) and not availability.airborne:
+            return True
+        if isinstance(command, StartMission) and availability.landed:
+            vehicle.end_intentions()
+            vehicle.waits_for_operator = True
+            return True
+        if availability.touched_down and not uploads:
             return True
         on_ground = isinstance(command, StartMission) and not availability.airborne
         return on_ground and (vehicle.waits_for_operator or self._stands_by(vehicle))
@@ -272,6 +292,8 @@ class Core:
             case events.Telemetry():
                 led_home = self.airspace.leads_home(vehicle.name)
                 watched = self._energy.moved(vehicle, event, was.airborne, led_home)
+                goal_m = self.airspace.return_goal_m(vehicle)
+                watched += self.return_ground.at_position(vehicle, event, goal_m)
                 return [*watched, *self._telemetry(vehicle, event.at_us / 1e6, decision, was)]
             case events.BatteryUpdated():
                 self._energy.battery(vehicle, event)
@@ -337,6 +359,12 @@ class Core:
         self, vehicle: Vehicle, event: events.AirspeedMeasured
     ) -> list[AnyCommand]:
         vehicle.airspeed_m_s = event.airspeed_m_s
+        return []
+
+    def _air_data_measured(
+        self, vehicle: Vehicle, event: events.AirDataMeasured
+    ) -> list[AnyCommand]:
+        self._energy.air_measured(vehicle, event)
         return []
 
     def _aircraft_reported(
@@ -527,10 +555,13 @@ class Core:
 
         The restarted autopilot may have any mission on board, or none.
         """
+        returns = vehicle.availability.recalled or self.airspace.is_led_home(vehicle.name)
         ended = self._end_intentions(vehicle, "the autopilot was restarted")
+        self.airspace.end_evasion(vehicle.name)
         vehicle.deployed = vehicle.started = vehicle.going_home = False
-        vehicle.sent_home &= vehicle.availability.recalled
+        vehicle.sent_home &= returns
         if vehicle.sent_home:
+            self.decision_engine.recall(vehicle.name, at_s)
             vehicle.return_again_at_s = at_s
         vehicle.drop_upload()
         vehicle.flown_line = vehicle.accepted = vehicle.unconfirmed = None
@@ -548,6 +579,7 @@ class Core:
         events.LinkLost: _link_lost,
         events.LinkRestored: _link_restored,
         events.AirspeedMeasured: _airspeed_measured,
+        events.AirDataMeasured: _air_data_measured,
         events.MissionProgress: _progressed,
         events.ParametersReported: _parameters_reported,
         events.AircraftReported: _aircraft_reported,

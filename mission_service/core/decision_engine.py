@@ -186,6 +186,7 @@ class DecisionEngine:
         if not event.armed:
             availability.airborne = availability.recalled = availability.held_by_upload = False
             availability.recalled_on_ground = False
+            availability.restarted_in_air = False
             availability.mode_is_ordered = True
             availability.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
@@ -216,8 +217,8 @@ class DecisionEngine:
     def _look_for_override(self, name: str, at_s: float) -> None:
         """Attribute a mode to the failsafe or the landing that the vehicle reports.
 
-        This applies to a hold during an upload, and to a mode that was ordered before a restart of
-        the service.
+        The mode is a hold during an upload, or a mode that was ordered before a restart of the
+        service.
         """
         availability = self.availability[name]
         landed = availability.ordered_before_restart and availability.on_ground
@@ -261,7 +262,9 @@ class DecisionEngine:
             at_s, row, col, x_m, y_m, telemetry.altitude_amsl_m, *velocity
         )
         # Home may lie on a hill: after takeoff a vehicle counts as airborne until it is disarmed.
-        if not availability.airborne and telemetry.altitude_relative_m >= self._airborne_m:
+        flies = telemetry.altitude_relative_m >= self._airborne_m or availability.restarted_in_air
+        if flies and not availability.airborne:
+            availability.restarted_in_air = False
             availability.airborne, availability.took_off_at_s = True, at_s
             availability.recalled_on_ground = False
             if availability.mode in GOING_HOME:  # the mode's report preceded the takeoff

@@ -7,13 +7,19 @@ a mode that its autopilot or pilot selected, or a missing position prevents the 
 
 import math
 
+from autopilot_bridge.stacks.return_flight import true_airspeed_factor
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, ReportEnergy
 from mission_service.config.scenario import Scenario
 from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.registry import way_of
-from mission_service.vehicles.availability import GOING_HOME, named_mode
+from mission_service.vehicles.availability import (
+    GOING_HOME,
+    MeasuredWind,
+    VehicleAirData,
+    named_mode,
+)
 from mission_service.vehicles.endurance import home_s, usual_return_height_m
 from mission_service.vehicles.energy import EnergyEstimate, estimate, landing_s, times_left
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -39,12 +45,21 @@ class EnergyWatch:
         min_v = vehicle.section.battery_min_voltage_v
         vehicle.battery.apply(event, vehicle.availability.airborne, min_v)
 
+    def air_measured(self, vehicle: Vehicle, event: events.AirDataMeasured) -> None:
+        """Apply the wind and the true airspeed that follow from flight on several headings."""
+        fix = vehicle.availability.fix
+        if fix is None:
+            return
+        factor = event.true_airspeed_factor / true_airspeed_factor(fix.altitude_m)
+        wind = MeasuredWind(event.at_us / 1e6, event.wind_speed_m_s, event.wind_from_deg)
+        vehicle.air_data = VehicleAirData(factor, wind)
+
     def moved(
         self, vehicle: Vehicle, event: events.Telemetry, was_airborne: bool, led_home: bool
     ) -> list[AnyCommand]:
         """Update the estimate of a vehicle that has reported its position.
 
-        ``led_home`` is whether the vehicle flies home by a mission around closed airspace.
+        ``led_home`` is whether the vehicle flies a mission home.
         """
         state, at_s = vehicle.energy, event.at_us / 1e6
         vehicle.battery.settle(at_s)
@@ -81,16 +96,26 @@ class EnergyWatch:
         return estimate(times, found_s, at_s)
 
     def return_height_m(self, vehicle: Vehicle) -> float:
-        """Return the height above home at which the vehicle returns: ordered, read or usual."""
-        for height_m in (self._ordered_height_m, vehicle.return_flight.height_m):
-            if height_m is not None:
-                return height_m
-        return usual_return_height_m(vehicle.section)
+        """Return the height above home of a return, in m; that usual for the stack if unknown."""
+        height_m = self.known_return_height_m(vehicle)
+        return usual_return_height_m(vehicle.section) if height_m is None else height_m
+
+    def known_return_height_m(self, vehicle: Vehicle) -> float | None:
+        """Return the height above home of a return, in m, or None.
+
+        It is ordered by the service, read from the autopilot, or given by the scenario.
+        """
+        given = (vehicle.return_flight.height_m, vehicle.section.return_height_m)
+        heights_m = (self._ordered_height_m, *given)
+        return next((height_m for height_m in heights_m if height_m is not None), None)
 
     def wind_m_s(self, vehicle: Vehicle, at_s: float) -> Vector:
         """Return the velocity of the air (x, y) on the map, as measured or by the scenario."""
-        wind = vehicle.availability.measured_wind
-        if wind is not None and at_s - wind.at_s <= FRESH_S:
+        air_data = vehicle.air_data
+        measured = (air_data and air_data.wind, vehicle.availability.measured_wind)
+        fresh = (each for each in measured if each is not None and at_s - each.at_s <= FRESH_S)
+        wind = next(fresh, None)
+        if wind is not None:
             speed_m_s, from_deg = wind.speed_m_s, wind.from_deg
         else:
             entry = self._weather.weather_at(at_s)

@@ -16,6 +16,7 @@ from mission_service.airspace.occupied_space import (
     corner_parts,
     disc,
     held_turn,
+    landing_places,
     mission_parts,
     mission_places,
     path_parts,
@@ -28,7 +29,7 @@ from mission_service.config.sections import VehicleSection
 from mission_service.missions.landing import APPROACH_HEIGHTS_M, glide_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState
-from mission_service.vehicles.availability import GOING_HOME, MISSION
+from mission_service.vehicles.availability import AIRBORNE_M, GOING_HOME, MISSION
 from mission_service.vehicles.vehicle_state import Vehicle
 
 HOLDS_FOR_UPLOAD_S = 3.0  # until a vehicle that holds for an upload flies on
@@ -49,16 +50,41 @@ class FlightSpace:
         self._landscape = landscape
 
     def route(self, vehicle: Vehicle, items: Sequence[MissionItem]) -> tuple[MissionPlace, ...]:
-        """Return the positions of a mission."""
-        return mission_places(items, self._landscape, self._home_altitude_m(vehicle))
+        """Return the positions of a mission. A multirotor hovers at the places of loiters."""
+        places = mission_places(items, self._landscape, self._home_altitude_m(vehicle))
+        if vehicle.section.winged:
+            return places
+        most_m = COPTER_REACH_M / LOITER_RADIUS_FACTOR
+        return tuple(place._replace(radius_m=min(place.radius_m, most_m)) for place in places)
+
+    def landing(self, vehicle: Vehicle, items: Sequence[MissionItem]) -> tuple[MissionPlace, ...]:
+        """Return the positions of the landing in a mission, to which PX4's return leads."""
+        return landing_places(items, self._landscape, self._home_altitude_m(vehicle))
+
+    def start_of(self, vehicle: Vehicle) -> Position | None:
+        """Return the position at which a new mission would begin in the air; None on the ground.
+
+        A vehicle that returns or lands counts as on the ground below ``AIRBORNE_M``: a mission
+        would be a takeoff.
+        """
+        availability = vehicle.availability
+        fix = availability.fix
+        if fix is None or not availability.airborne:
+            return None
+        over_ground_m = fix.altitude_m - float(self._landscape.elevation_at(fix.x_m, fix.y_m))
+        height_m = max(availability.height_m, over_ground_m)
+        if availability.mode in GOING_HOME and height_m <= AIRBORNE_M:
+            return None
+        return position_of(fix)
 
     def of_mission(self, vehicle: Vehicle, places: Sequence[MissionPlace]) -> list[Part]:
         """Return the space of a mission that would begin now."""
         radius_m = turn_radius_m(vehicle)
-        parts = mission_parts(places) + turning_parts(places, radius_m)
+        parts = turning_parts(places, radius_m)
         fix = vehicle.availability.fix
         if fix is None or not vehicle.availability.airborne or not places:
-            return parts
+            return parts + mission_parts(places)
+        parts += mission_parts(places, [position_of(fix)])[1:]  # it begins with a turn, see below
         here = (fix.x_m, fix.y_m)
         positions = [place.position for place in places]
         away = [each for each in positions if math.dist(each[:2], here) > 1.0] or positions[-1:]
@@ -81,7 +107,7 @@ class FlightSpace:
             straight_on = mission_parts(left or state.on_board[-1:], [position_of(fix)])
             return straight_on + turning_parts(state.on_board, turn_radius_m(vehicle), seq)
         if mode in GOING_HOME:
-            return self.of_return(vehicle, fix)
+            return self.of_return(vehicle, fix, state)
         if mode in ("guided", "orbit") and state.orbit is not None:
             return [state.orbit]
         if state.orbit is not None and vehicle.hold_at is not None and vehicle.ordered:
@@ -103,22 +129,31 @@ class FlightSpace:
         reach_m = _hold_reach_m(section)
         return disc(position[0], position[1], reach_m, position[2], position[2])
 
-    def of_return(self, vehicle: Vehicle, fix: PositionFix) -> list[Part]:
+    def of_return(self, vehicle: Vehicle, fix: PositionFix, state: AirspaceState) -> list[Part]:
         """Return the space of the autopilot's return, at any altitude that it may use.
 
-        The return leads straight home. A plane then circles above home.
+        The return leads straight home. A plane then circles above home. If a PX4 returns to the
+        landing in its mission, it flies straight to the loiter of the landing, and glides home.
         """
         home_altitude_m = self._home_altitude_m(vehicle)
         high_m = max(fix.altitude_m, home_altitude_m + RETURN_ABOVE_M)
-        home = (*vehicle.home_m, home_altitude_m)
-        routes = [[*entry, home] for entry in self._entries(vehicle, fix, vehicle.home_m)]
+        goal_m = self.return_goal_m(vehicle, state)
+        goal = (*goal_m, home_altitude_m)
+        routes = [[*entry, goal] for entry in self._entries(vehicle, fix, goal_m)]
         parts = [part for route in routes for part in path_parts(route)]
         section = vehicle.section
         if section.winged:
             reach_m = LOITER_RADIUS_FACTOR * section.loiter_radius_m
-            circle = disc(*vehicle.home_m, reach_m, home_altitude_m, high_m)
+            circle = disc(*goal_m, reach_m, home_altitude_m, high_m)
             parts += [approach_part(route[-2], circle) for route in routes]
+            glide = _return_landing(vehicle, state)[1:]
+            parts += [approach_part(place.position, circle) for place in glide]
         return [Part(part.shape, home_altitude_m, high_m) for part in parts]
+
+    def return_goal_m(self, vehicle: Vehicle, state: AirspaceState) -> tuple[float, float]:
+        """Return the position (x, y) to which a return leads straight: home, or a landing."""
+        landing = _return_landing(vehicle, state)
+        return landing[0].position[:2] if landing else vehicle.home_m
 
     def of_intent(self, vehicle: Vehicle, state: AirspaceState) -> list[IntendedPart]:
         """Return the space of the rest of a flight, for an operational intent; empty without one.
@@ -132,7 +167,7 @@ class FlightSpace:
         home = (*vehicle.home_m, home_amsl_m)
         if vehicle.availability.airborne and fix is not None:
             parts = self.of_flight(vehicle, fix, state) or [self.of_hold(vehicle, position_of(fix))]
-            way_home = self.of_return(vehicle, fix)
+            way_home = self.of_return(vehicle, fix, state)
         elif vehicle.flown_line is not None and vehicle.accepted and vehicle.accepted.takes_off:
             parts, way_home = mission_parts(state.on_board, [home]), []
             parts += turning_parts(state.on_board, turn_radius_m(vehicle))
@@ -157,8 +192,8 @@ class FlightSpace:
         """Return the positions of the possible turns towards a target, each from the vehicle.
 
         The vehicle first flies on until the mission is on board. One that holds for the upload, as
-        ArduPilot does, may turn to the right meanwhile. In a turn to the rear the side is not
-        known. Wind widens a turn.
+        ArduPilot does, may turn to the right meanwhile. A turn towards a target behind the vehicle
+        may go to either side. Wind widens a turn.
         """
         section = vehicle.section
         if not section.winged:
@@ -178,6 +213,11 @@ class FlightSpace:
 
     def _home_altitude_m(self, vehicle: Vehicle) -> float:
         return float(self._landscape.elevation_at(*vehicle.home_m))
+
+
+def _return_landing(vehicle: Vehicle, state: AirspaceState) -> tuple[MissionPlace, ...]:
+    """Return the positions of the landing to which a return leads; empty if it leads home."""
+    return state.landing if vehicle.return_flight.to_landing else ()
 
 
 def turn_radius_m(vehicle: Vehicle) -> float:

@@ -102,7 +102,7 @@ class Landings:
         if first is None:
             return [words, *cleared, *self._land(vehicle, at_s)]
         shown = self._enter(vehicle, LandingPhase.WAITING, at_s)
-        waits = announce(vehicle, f"waits with its landing until {first} has landed")
+        waits = announce(vehicle, f"waits to land until {first} has landed")
         return [words, *cleared, *shown, waits, *self._hold_in_mission(vehicle, at_s)]
 
     def must_go_around(self, vehicle: Vehicle) -> bool:
@@ -148,7 +148,7 @@ class Landings:
     # Events -----------------------------------------------------------------------------------
 
     def _lands_after_return(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether a vehicle that has returned must land: relieved, or without time left.
+        """Return whether a vehicle that returned must land: it was relieved, or has no time left.
 
         Planes circle above home, ArduPlane until the battery is empty. The other autopilots land.
         Below ``LANDS_BELOW_M`` a plane still climbs, or its autopilot lands it.
@@ -266,8 +266,8 @@ class Landings:
         if must_return(vehicle):
             vehicle.sent_home = True
             self.decision_engine.recall(vehicle.name, fix.at_s)
-            if self._airspace.return_obstacle(vehicle, fix):  # the airspace guard leads it home
-                blocked = "its way home would enter closed airspace"
+            blocked = self._airspace.return_obstacle(vehicle, fix)
+            if blocked:  # the airspace guard leads it home
                 why = f"landing ended: its energy is needed, and {blocked}"
                 return [
                     announce(vehicle, why, warning=True),
@@ -403,7 +403,8 @@ class Landings:
             wind = (measured.speed_m_s, measured.from_deg)
         min_at = self.traffic.min_altitudes(vehicle.name)
         place = (fix.x_m, fix.y_m)
-        return landing_mission(vehicle.section, self.landscape, wind, place, min_at)
+        closed = vehicle.landing.closed
+        return landing_mission(vehicle.section, self.landscape, wind, place, min_at, closed)
 
     def _fly(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Start the mission on board, unless the vehicle flies it already."""

@@ -28,6 +28,8 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 HOLD_AGAIN_S = 3.0
 UNANSWERED_S = 30.0  # longer than the bridge's repetitions of a hold
 START_AFTER_S = 2.0
+# PX4's plane sank by 10 to 12 m in its simulator when it was ordered to hold in its takeoff.
+CLIMB_FIRST_M = 30.0
 
 Start = Callable[[Vehicle, float], list[AnyCommand]]
 
@@ -142,7 +144,7 @@ class OperatorOrders:
         vehicle.hold_at = None
         self._airspace.end_evasion(vehicle.name)
         if self.decision_engine.apply_abort(vehicle.name):
-            if self._landings.must_go_around(vehicle):
+            if self._goes_around(vehicle):
                 return self._landings.go_around(vehicle, f"aborted by {event.by}", at_s)
             return self._hold(vehicle, event.by, at_s, "aborted")
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
@@ -155,7 +157,7 @@ class OperatorOrders:
         self, vehicle: Vehicle, order: events.Order, by: str, at_s: float
     ) -> list[AnyCommand]:
         if order in ("hold", "go-around"):
-            if self._landings.must_go_around(vehicle):
+            if self._goes_around(vehicle):
                 return self._landings.go_around(vehicle, f"{order} ordered by {by}", at_s)
             return self._hold(vehicle, by, at_s, f"{order} ordered")
         if order == "land":
@@ -202,12 +204,20 @@ class OperatorOrders:
         vehicle.end_intentions()
         self._cancel_return(vehicle)
         ended = self._landings.end(vehicle, holds=True)
+        climb_s = _climb_first_s(vehicle)
+        if climb_s > 0.0:
+            vehicle.hold_again_at_s = at_s + climb_s
+            then = f"it holds in {climb_s:.0f} s, when it has climbed to {CLIMB_FIRST_M:.0f} m"
+            return [announce(vehicle, f"{why} by {by}; {then}", warning=True), *ended]
         words = announce(vehicle, f"{why} by {by}", warning=True)
-        availability = vehicle.availability
-        if not availability.online or not (availability.airborne or availability.armed):
+        if not vehicle.availability.online or _is_on_ground(vehicle):
             vehicle.hold_again_at_s = at_s
             return [words, *ended]
         return [words, *ended, _hold_of(vehicle)]
+
+    def _goes_around(self, vehicle: Vehicle) -> bool:
+        """Return whether an order to hold breaks off a landing; not after the touch-down."""
+        return self._landings.must_go_around(vehicle) and not vehicle.availability.touched_down
 
     def _cancel_return(self, vehicle: Vehicle) -> None:
         vehicle.sent_home = vehicle.going_home = False
@@ -283,13 +293,28 @@ def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     """Repeat a hold that was not accepted, but not before the answer to the previous command."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
-    since_s, availability = vehicle.hold_under_way_s, vehicle.availability
+    since_s = vehicle.hold_under_way_s
     if since_s is not None and at_s - since_s < UNANSWERED_S:
         return []
-    if not (availability.airborne or availability.armed):
-        return []  # the vehicle is on the ground and disarmed
+    if _is_on_ground(vehicle):
+        return []
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
     return [_hold_of(vehicle)]
+
+
+def _climb_first_s(vehicle: Vehicle) -> float:
+    """Return how long a plane in its takeoff item climbs before it holds, in seconds; else 0."""
+    availability, section = vehicle.availability, vehicle.section
+    takes_off = section.kind == "plane" and availability.mode == MISSION and availability.armed
+    takes_off &= vehicle.takes_off and not availability.on_ground
+    left_m = CLIMB_FIRST_M - availability.height_m
+    return max(left_m / section.climb_m_s, 0.0) if takes_off else 0.0
+
+
+def _is_on_ground(vehicle: Vehicle) -> bool:
+    """Return whether no hold is sent: the vehicle is disarmed on the ground, or has landed."""
+    availability = vehicle.availability
+    return availability.touched_down or not (availability.airborne or availability.armed)
 
 
 def _takes_off(vehicle: Vehicle, order: events.Order) -> bool:

@@ -3,7 +3,7 @@
 An order of the service takes the same path as an operator's order (``OrderByService``): it is never
 given to a vehicle in a failsafe, in a mode that its pilot selected, on its way home or under an
 operator's order, and it is in force until an operator's order. There is one order for each conflict
-with an aircraft, so that an operator who resumes the vehicle decides.
+with an aircraft, so that the service does not override an operator who has resumed the vehicle.
 """
 
 import math
@@ -134,7 +134,7 @@ class OtherAircraft:
     ) -> list[AnyCommand]:
         """Return the changed alerts, the vehicle's alarm, and an order if one is due.
 
-        ``led_home`` is whether closed airspace is on the way home of a vehicle that was sent home.
+        ``led_home`` is whether the service leads home a vehicle that was sent home.
         """
         near = self._of(vehicle.name)
         near.reported = event.aircraft

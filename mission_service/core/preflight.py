@@ -19,6 +19,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.core.airspace_guard import AirspaceGuard
 from mission_service.core.energy_watch import EnergyWatch
 from mission_service.core.other_aircraft import OtherAircraft
+from mission_service.core.return_ground import ReturnGround
 from mission_service.vehicles.preflight_checks import (
     BATTERY,
     DELAY_AUTOSTART,
@@ -61,6 +62,7 @@ class Preflight:
         landscape: Landscape,
         energy: EnergyWatch,
         airspace: AirspaceGuard,
+        return_ground: ReturnGround,
         aircraft: OtherAircraft | None,
     ) -> None:
         self._applies = not scenario.way.prescribed
@@ -68,6 +70,7 @@ class Preflight:
         self._landscape = landscape
         self._energy = energy
         self._airspace = airspace
+        self._return_ground = return_ground
         self._aircraft = aircraft
 
     def watch(self, vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
@@ -133,6 +136,9 @@ class Preflight:
         ground_amsl_m = None
         if fix is not None and self._landscape.elevation_m is not None:
             ground_amsl_m = float(self._landscape.elevation_at(fix.x_m, fix.y_m))
+        over_ground = self._return_ground.from_mission(
+            vehicle, *self._airspace.mission_and_return(vehicle)
+        )
         departure = Departure(
             at_s,
             self._energy.wind_m_s(vehicle, at_s),
@@ -142,6 +148,8 @@ class Preflight:
             aircraft is not None,
             None if aircraft is None else aircraft.nearest(vehicle.name),
             self._requires_remote_id,
+            None if over_ground is None else over_ground.clearance_m,
+            "" if over_ground is None else over_ground.remedy,
         )
         state.checks, state.computed_at_s = checks_of(vehicle, departure), at_s
         return state.checks

@@ -1,12 +1,14 @@
-"""Lets vehicles fly one task in turn: the next takes off in time, and resumes where it was left.
+"""Lets vehicles fly one task in turn: the next one takes off in time and resumes the task.
 
 ``relief/task_relief.py`` defines the roles. The present vehicle must leave when its energy is
-needed for the flight home (``EnergyWatch``). The next takes off so that it arrives ``overlap_s``
-before, flies to the present one, which then flies home, and on to the place where the task was
-left. There it takes over the planner, with its map. A vehicle that is lost, taken over or ordered
-home leaves the task at once or after ``UNFIT_S``.
+needed for the flight home (``EnergyWatch``). The next vehicle takes off so that it arrives
+``overlap_s`` before this time, and flies to the present vehicle, which then flies home. The next
+vehicle flies on to the place where the task was left, and takes over the planner with its map
+there. A vehicle that is lost, taken over or ordered home leaves the task at once or after
+``UNFIT_S``.
 
-No vehicle takes off while ``Vehicle.waits_for_operator``: this is the sign-off of its next takeoff.
+No vehicle takes off while ``Vehicle.waits_for_operator``: this attribute represents the missing
+sign-off.
 """
 
 import math
@@ -97,7 +99,7 @@ class Reliefs:
                 member.unfit_since_s = member.shown = None
 
     def stays_on_ground(self, vehicle: Vehicle) -> bool:
-        """Return whether a vehicle on the ground is not started, because no takeoff of it is due.
+        """Return whether a vehicle on the ground is not started, because its takeoff is not due.
 
         A vehicle that has landed has the role LEAVES until its next position.
         """
@@ -149,7 +151,9 @@ class Reliefs:
                 return self._signed_off_by_scenario(member, vehicle, at_s)
             case TaskRole.RELIEVES if not availability.airborne:
                 return self._takes_off(member, vehicle, at_s)
-            case TaskRole.LEAVES if availability.flies and not vehicle.ordered:
+            case TaskRole.LEAVES if availability.flies and not (
+                vehicle.ordered or vehicle.sent_home
+            ):
                 return self._regained(member, vehicle, at_s)
             case _ if on_ground and availability.online:
                 return self._landed(member, vehicle, at_s)
@@ -187,7 +191,7 @@ class Reliefs:
         return []
 
     def _regained(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Let a vehicle that flies again resume the task, or fly home if another has it.
+        """Let a vehicle that flies again resume the task, or fly home if another vehicle flies it.
 
         A vehicle that an operator ordered to fly is not sent home before its energy requires it.
         """
@@ -329,7 +333,7 @@ class Reliefs:
     # Places and times -------------------------------------------------------------------------
 
     def _meeting(self, vehicle: Vehicle, present: Vehicle) -> NDArray[np.float64]:
-        """Return the meeting point (1, 2) with the present vehicle, or the last one sent."""
+        """Return the meeting point (1, 2); if it is near the last one sent, return that one."""
         fix, other_fix = vehicle.availability.fix, present.availability.fix
         assert fix is not None
         assert other_fix is not None
@@ -348,7 +352,7 @@ class Reliefs:
         return np.array([point])
 
     def _path_to_place(self) -> NDArray[np.float64]:
-        """Return the path over the place where the task was left, and on as its planner flies."""
+        """Return the path over the place where the task was left, and then along the front."""
         place = self.task.place
         assert place is not None
         path = np.array([place.before(RUN_IN_M), (place.x_m, place.y_m)])

@@ -152,7 +152,7 @@ def _check_names(request: Request, scope: RequestScope) -> None:
 
 def _kind(do: Any, accepted: Collection[str]) -> type[Request]:
     if do == STATUS:
-        raise RequestError("status is a query; it makes no event")
+        raise RequestError("status is a query, which causes no event")
     if do == REPLAY:
         raise RequestError("replay: this run is not a replay")
     if isinstance(do, str) and do in accepted:

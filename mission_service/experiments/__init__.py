@@ -1,1 +1,1 @@
-"""Run the experiments of the papers: planners fly over fires, each of which is simulated once."""
+"""Run the experiments of the papers: planners fly over fires that are simulated only once."""

@@ -2,9 +2,9 @@
 
 DEAP is used because it is one small package, while pymoo depends on autograd, cma and others. DEAP
 uses Python's global random generator, which is seeded before the search and restored afterwards.
-Only breeding draws random numbers. Evaluations draw none, and their results are in a fixed order. A
-run is therefore bitwise reproducible with any number of processes, and on all machines of the same
-kind.
+Only breeding draws random numbers. Evaluations draw no random numbers, and their results are in a
+fixed order. A run is therefore bitwise reproducible with any number of processes, and on all
+machines of the same kind.
 """
 
 import random

@@ -90,7 +90,7 @@ class Change(NamedTuple):
         window: A window around the cells that a report changed, for planners.
         contradicted: A window around corrections that images have removed, for planners.
         add: Adds the input to the ensemble.
-        note: A text for the sender of a report, part of which changes nothing; or empty.
+        note: A text for the sender if a part of the report changes nothing; otherwise empty.
     """
 
     window: Window | None = None

@@ -154,7 +154,7 @@ class RunEnsemble:
         return self._inputs[self._count :]
 
     def _end_period_by(self, at_s: float, exclusive: bool = False) -> None:
-        """End the period of the images if it ends before a time or, unless exclusive, at it."""
+        """End the period of the images if it ends before a time or, if not exclusive, at it."""
         if not self._images:
             return
         end_s = math.ceil(self._images[0].at_s / IMAGES_PERIOD_S) * IMAGES_PERIOD_S

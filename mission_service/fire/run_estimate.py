@@ -146,7 +146,7 @@ class RunEstimate:
         return any(isinstance(each, Reported) and each.event is report for each in self._waiting)
 
     def end_background(self) -> None:
-        """Apply queued inputs at reads from now on, and discard the work of a thread."""
+        """From now on, apply queued inputs at each read; discard the work of a thread."""
         self.in_background = self._in_work = False
 
     def advance(self, at_us: int) -> None:

@@ -16,7 +16,7 @@ from firemodel.errors import FireModelError
 from firemodel.input_warnings import FireInputs, input_warnings, time_zero_warnings
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
-from firemodel.landscape.gridded_wind import with_wind_stack
+from firemodel.landscape.gridded_wind import from_grid_north, with_wind_stack
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import burnable_cells, with_barriers
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel
@@ -115,14 +115,14 @@ def custom_fuels_of(section: LandscapeSection) -> dict[int, FuelModel]:
 def weather_of(scenario: Scenario) -> WeatherStream:
     """Return the weather of a scenario, from its entries or its weather file, and its wind.
 
-    The weather of a scenario with wind grids, wind over terrain or moisture zones is computed once,
-    and again after a change of the files.
+    The weather of a scenario with wind grids, wind over terrain, moisture zones or wind directions
+    from grid north is computed once, and again after a change of the files.
     """
     file = scenario.weather_file
     if (
         scenario.wind_grids is None
         and scenario.terrain_wind is None
-        and (file is None or file.dead_fuel_model != "nelson")
+        and (file is None or (file.dead_fuel_model != "nelson" and file.north == "true"))
     ):
         return _weather(scenario)
     return _stored(_CacheKey(scenario, WEATHER_TABLES))
@@ -221,7 +221,7 @@ def _from_file(section: WeatherFile, scenario: Scenario) -> WeatherStream:
         from firemodel.landscape.zone_moistures import ZoneConditions
 
         zones = ZoneConditions(landscape_of(scenario), section.station_elevation_m)
-    return read_weather(
+    found = read_weather(
         section.path,
         start=section.start,
         moisture=moisture,
@@ -230,6 +230,7 @@ def _from_file(section: WeatherFile, scenario: Scenario) -> WeatherStream:
         wind=section.wind,
         fuel_moistures=own,
     )
+    return found if section.north == "true" else from_grid_north(found, landscape_of(scenario))
 
 
 def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:

@@ -126,8 +126,8 @@ class SourceAgreement:
     def _contradicting_most(self) -> frozenset[str]:
         """Return the sources that contradict most of the others, if the others are reliable.
 
-        The other sources are reliable if they are the majority and do not contradict each other.
-        Otherwise it is unknown which sources are wrong, and the result is empty.
+        The other sources are reliable if they are the majority and do not contradict each other. If
+        they are not reliable, it is unknown which sources are wrong, and the result is empty.
         """
         odds: dict[str, list[bool]] = {name: [] for name in self._seen}
         for pair, compared in self._compared.items():

@@ -89,7 +89,7 @@ def _with_trees(level: Landscape) -> Landscape:
 
 
 def _line() -> SuppressionLine:
-    """Return a control line beside the ignition, of which pieces close while the fire burns."""
+    """Return a control line beside the ignition, which is built while the fire burns."""
     lon_deg = LON_DEG + 2e-3
     points = ((LAT_DEG - 1e-3, lon_deg), (LAT_DEG + 1e-3, lon_deg))
     return SuppressionLine(points=points, rate_m_h=1000.0)

@@ -65,7 +65,7 @@ class JournalReader:
 
     @cached_property
     def landscape(self) -> Landscape:
-        """The landscape. Raises JournalError if it differs from that of the recorded run."""
+        """The landscape. Raises JournalError for another landscape than in the recorded run."""
         found, recorded = landscape_of(self.scenario), self.readers[0].header["landscape_sha256"]
         if found.digest() != recorded:
             raise JournalError(
@@ -116,7 +116,7 @@ class JournalReader:
         return found
 
     def intact(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """Yield the same as ``entries``. Raises JournalError also for an altered line."""
+        """Yield ``entries``; for an altered line this also raises JournalError."""
         for reader, entry in self.entries():
             if not entry.intact:
                 raise JournalError(
@@ -125,7 +125,7 @@ class JournalReader:
             yield reader, entry
 
     def readable(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """Yield the same as ``entries`` up to the first unreadable line, which sets ``damaged``."""
+        """Yield ``entries`` up to the first unreadable line, which sets ``damaged``."""
         try:
             yield from self.entries()
         except JournalError:

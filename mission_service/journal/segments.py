@@ -160,7 +160,7 @@ class Chain:
                 yield reader, *line
 
     def trusted(self, place: Rest) -> Iterator[tuple[SegmentReader, Entry | Unreadable]]:
-        """Yield the same as ``after``, with ``Unreadable`` for altered or undecodable lines."""
+        """Yield the entries of ``after``, and ``Unreadable`` for altered or undecodable lines."""
         for reader, begin in self._places(place):
             for entry in reader.trusted(begin):
                 yield reader, entry

@@ -166,7 +166,10 @@ async def serve(
 
 
 def _arrival_watch(run: Run, landscape: Landscape) -> RunInterface | None:
-    """Return the watch of the fire's arrival, if it is configured. Raises ScenarioError."""
+    """Return the interface for alarms of the fire's arrival, if it is configured.
+
+    Raises ScenarioError.
+    """
     section = run.settings.fire_arrival
     if section is None:
         return None

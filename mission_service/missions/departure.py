@@ -1,7 +1,7 @@
 """Plans the takeoff of vehicles, up to the altitude of their missions.
 
 A plane climbs ahead. A VTOL climbs vertically, becomes a plane on a straight line away from home,
-and climbs on in a loiter at the end of this line. Both are clear of the terrain.
+and climbs on in a loiter at the end of this line. Line and loiter are clear of the terrain.
 """
 
 import math

@@ -27,8 +27,10 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.departure import takeoff_items
 from mission_service.missions.landing import hovers_on
+from mission_service.missions.orbits import CORRIDOR_M, highest_ground_m
 
 Floats = NDArray[np.float64]
+BESIDE_CLEARANCE_M = 30.0  # height of a plane above the ground within CORRIDOR_M of its legs
 LeastAltitude = Callable[[Floats], Floats]
 
 
@@ -97,6 +99,17 @@ def _along(start_m: Floats, end_m: Floats, landscape: Landscape) -> Floats:
     return np.asarray(start_m + np.linspace(0.0, 1.0, count)[:, None] * (end_m - start_m))
 
 
+def _above_ground_beside_m(points_m: Floats, landscape: Landscape) -> list[float]:
+    """Return an altitude for each point at which all legs clear the ground beside them.
+
+    A plane may fly beside a leg: before and after turns, and while it holds for an upload.
+    """
+    places = [(float(x_m), float(y_m)) for x_m, y_m in points_m]
+    legs = pairwise([*places, places[-1]])
+    highest = [highest_ground_m(landscape, *leg, CORRIDOR_M) for leg in legs]
+    return [round(max(pair) + BESIDE_CLEARANCE_M, 1) for pair in pairwise([highest[0], *highest])]
+
+
 def _needed_m(
     points_m: Floats, landscape: Landscape, altitude_agl_m: float, min_at: LeastAltitude
 ) -> float:
@@ -147,6 +160,9 @@ def mission_along(
         first = _along(np.array(start_m), points[0], landscape)
         needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, min_at)
         altitudes[0] = max(altitudes[0], round(needed_m, 1))
+    if vehicle.winged:
+        beside = _above_ground_beside_m(points, landscape)
+        altitudes = [max(pair) for pair in zip(altitudes, beside, strict=True)]
     lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])
     items = [change_speed(speed_type(vehicle.kind), vehicle.airspeed_m_s)]
     if vehicle.gimbal_pitch_deg is not None:

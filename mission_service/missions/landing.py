@@ -10,8 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from shapely.geometry.base import BaseGeometry
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
@@ -28,7 +30,9 @@ APPROACH_HEIGHTS_M = (50.0, 75.0, 100.0, 125.0, 150.0)
 VTOL_HEIGHTS_M = (40.0, *APPROACH_HEIGHTS_M)  # of a VTOL's changes between hover and flight
 VTOL_DECELERATION_M_S2, VTOL_SETTLES_M = 1.0, 100.0  # PX4 and ArduPlane brake with 2 m/s2
 CLEARANCE_M = 30.0
+SHIFT_M = 100.0  # a mission that only lands has its approach up to this distance before home
 UNCHECKED_M = 300.0  # last part of the glide, which is always near the ground
+NOTHING: BaseGeometry = shapely.Polygon()
 COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 
 
@@ -66,7 +70,13 @@ class Landing:
         self._weather = weather_of(scenario) if section.winged else None
         self._items: tuple[MissionItem, ...] = ()
         self._wind_from_deg = math.nan  # wind direction for which the items are planned
+        self.closed = NOTHING
         self.items_at(scenario.start_s)
+
+    def keep_clear_of(self, closed: BaseGeometry) -> None:
+        """Plan the landing again if the area that the approach should not enter has changed."""
+        if not closed.equals(self.closed):
+            self.closed, self._wind_from_deg = closed, math.nan
 
     def items_at(self, at_s: float) -> tuple[MissionItem, ...]:
         """Return the items of a landing into the wind at a mission time; () if none is needed."""
@@ -74,7 +84,7 @@ class Landing:
             return ()
         wind_from_deg = self._weather.weather_at(at_s).wind_from_deg
         if wind_from_deg != self._wind_from_deg:
-            self._items = landing_of(self._section, self._landscape, wind_from_deg)
+            self._items = landing_of(self._section, self._landscape, wind_from_deg, self.closed)
             self._wind_from_deg = wind_from_deg
         return self._items
 
@@ -94,14 +104,17 @@ class Landing:
 
 
 def landing_of(
-    section: VehicleSection, landscape: Landscape, wind_from_deg: float
+    section: VehicleSection,
+    landscape: Landscape,
+    wind_from_deg: float,
+    closed: BaseGeometry = NOTHING,
 ) -> tuple[MissionItem, ...]:
     """Return DO_LAND_START, a loiter down to the approach height, and a landing at home.
 
     Altitudes are above home, as required for touchdown. Raises ScenarioError if no approach is
     clear.
     """
-    approach = approach_of(section, landscape, wind_from_deg)
+    approach = approach_of(section, landscape, wind_from_deg, closed)
     home = round(section.home_lat_deg * 1e7), round(section.home_lon_deg * 1e7)
     return (
         MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
@@ -109,30 +122,50 @@ def landing_of(
     )
 
 
-def approach_of(section: VehicleSection, landscape: Landscape, wind_from_deg: float) -> Approach:
+def approach_of(
+    section: VehicleSection,
+    landscape: Landscape,
+    wind_from_deg: float,
+    closed: BaseGeometry = NOTHING,
+) -> Approach:
     """Return the approach to home.
 
     The course is ``landing_course_deg`` if this is set. Otherwise the course is as close to the
-    wind direction as a terrain clearance of ``CLEARANCE_M`` under approach and loiter permits.
-    Raises ScenarioError if no approach is clear.
+    wind direction as a terrain clearance of ``CLEARANCE_M`` under approach and loiter permits, and
+    does not enter the area ``closed`` if there is such an approach. Raises ScenarioError if no
+    approach is clear of the terrain.
     """
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     given = section.landing_course_deg
     courses = [wind_from_deg + turn for turn in COURSES_DEG] if given is None else [given]
     vtol = section.kind == "vtol"
+    entering: Approach | None = None
     for course_deg in courses:
         for height_m in VTOL_HEIGHTS_M if vtol else APPROACH_HEIGHTS_M:
             length_m = vtol_leg_m(section) if vtol else glide_m(height_m)
             centre_m = loiter_beside(home_m, course_deg, -length_m, section.loiter_radius_m)
             approach = Approach(course_deg % 360.0, height_m, centre_m, length_m)
-            if _is_clear(home_m, approach, section, landscape):
+            if not _is_clear(home_m, approach, section, landscape):
+                continue
+            if not _space_of(home_m, approach, section).intersects(closed):
                 return approach
+            entering = entering or approach
+    if entering is not None:
+        return entering
     where = "in any direction" if given is None else f"on landing_course_deg = {given:g}"
     raise ScenarioError(
         f"{section.name}: no landing approach to home {where} clears the terrain by "
         f"{CLEARANCE_M:g} m; move its home, or set landing = false here and MIS_TKO_LAND_REQ = 0 "
         "on the vehicle"
     )
+
+
+def _space_of(home_m: Floats, approach: Approach, section: VehicleSection) -> BaseGeometry:
+    """Return the ground under a loiter and a glide, also if the glide ends before home."""
+    before_m = approach.centre_m - SHIFT_M * forward_of(approach.course_deg)
+    loiters = shapely.MultiPoint([approach.centre_m, before_m])
+    discs = loiters.buffer(LOITER_RADIUS_FACTOR * section.loiter_radius_m)
+    return shapely.union(discs, shapely.Point(home_m)).convex_hull
 
 
 def forward_of(course_deg: float) -> Floats:
@@ -199,7 +232,7 @@ def with_rings(
 def clears(points_m: Floats, heights_m: Floats, home_m: Floats, landscape: Landscape) -> bool:
     """Return whether points (n, 2) at heights above home (n,) clear the terrain.
 
-    Points lower than the clearance, which are near home, may only not be below the terrain of home.
+    Under points lower than the clearance, the terrain may be as high as that at home.
     """
     if landscape.elevation_m is None:
         return True

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from shapely.geometry.base import BaseGeometry
 
 from autopilot_bridge.items import (
     MissionItem,
@@ -25,6 +26,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.from_path import LeastAltitude, leg_altitudes_m, no_least
 from mission_service.missions.landing import (
+    NOTHING,
     UNCHECKED_M,
     Approach,
     approach_items,
@@ -72,6 +74,7 @@ def landing_mission(
     wind: tuple[float, float],
     start_m: tuple[float, float],
     min_at: LeastAltitude = no_least,
+    closed: BaseGeometry = NOTHING,
 ) -> LandingMission:
     """Return the mission that lands a plane at home.
 
@@ -81,13 +84,14 @@ def landing_mission(
         wind: Speed in m/s, and the direction from which the wind blows in degrees.
         start_m: The position of the vehicle, x, y in metres.
         min_at: The minimum altitude of the way to the approach, besides that above the terrain.
+        closed: The area that the approach does not enter, if possible; x, y in metres.
 
     Raises:
         ScenarioError: No approach is clear of the terrain.
     """
     wind_m_s, wind_from_deg = wind
     vtol = section.kind == "vtol"
-    approach = approach_of(section, landscape, wind_from_deg)
+    approach = approach_of(section, landscape, wind_from_deg, closed)
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     headwind_m_s = wind_m_s * math.cos(math.radians(approach.course_deg - wind_from_deg))
     short_m = _floats_m(section, headwind_m_s) * forward_of(approach.course_deg)
@@ -122,7 +126,7 @@ def landing_mission(
 
 
 def _floats_m(section: VehicleSection, headwind_m_s: float) -> float:
-    """Return the distance from the point of NAV_LAND to the place of rest, negative if before."""
+    """Return how far beyond the point of NAV_LAND a plane comes to rest; negative: before it."""
     if section.kind == "vtol":
         return 0.0
     if section.stack != "px4":

@@ -91,6 +91,23 @@ def drops(incident: Incident) -> list[Feature]:
     return found
 
 
+def notes(incident: Incident) -> list[Feature]:
+    """Return the operators' notes about places, with the names of their photos."""
+    found = []
+    for note in incident.notes:
+        at_s = note.at_us / 1e6
+        properties = {
+            "author": note.by,
+            "at_s": at_s,
+            "DateTime": incident.unix_ms(at_s),
+            "text": note.text,
+            "photo": note.photo,
+        }
+        place = [round(note.lon_deg, 7), round(note.lat_deg, 7)]
+        found.append(_feature("Point", place, properties))
+    return found
+
+
 def layers_of(incident: Incident) -> dict[str, list[Feature]]:
     """Return all layers that contain features, by name, the perimeter first."""
     found = {
@@ -101,6 +118,7 @@ def layers_of(incident: Incident) -> dict[str, list[Feature]]:
         "heat_areas": heat_areas(incident),
         "heat_points": heat_points(incident),
         "drops": drops(incident),
+        "notes": notes(incident),
     }
     return {
         name: features

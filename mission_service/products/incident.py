@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from firemodel.arrays import Floats
@@ -16,6 +17,7 @@ from firemodel.outputs.event_polygon import M2_PER_ACRE, geodesic_acres
 from firemodel.outputs.front_files import area_geometry
 from firemodel.spread.fire_scheme import Fire, burned_area
 from firemodel.spread.front import front_polygons
+from mission_service.events import NoteAdded
 from mission_service.fire.forecast import Arrival
 from mission_service.products.heat import Heat
 from mission_service.runtime.run_statistics import RunStatistics
@@ -47,7 +49,7 @@ class Incident:
     ``time_zero`` is the calendar time of mission time 0. ``arrival`` contains the arrival times of
     the estimate until ``at_s`` and of the forecast later. ``probability`` (y, x) is the burn
     probability at the end of the forecast, None without a forecast. ``fire`` is None in a burn,
-    in which the estimate has no flame lengths.
+    in which the estimate has no flame lengths. ``run`` is the folder with the photos of the notes.
     """
 
     name: str
@@ -63,6 +65,8 @@ class Incident:
     record: RunStatistics
     images: ImageTimes
     log: Sequence[InterpreterLine] = field(default_factory=list)
+    notes: Sequence[NoteAdded] = ()
+    run: Path = Path()
 
     def when(self, at_s: float) -> datetime:
         """Return a mission time in the time zone of the landscape."""

@@ -9,7 +9,7 @@ from firemodel.arrays import Floats
 from mission_service.commands import Announce, AnyCommand
 from mission_service.core.core import Core
 from mission_service.errors import RequestError
-from mission_service.events import AnyEvent
+from mission_service.events import AnyEvent, NoteAdded
 from mission_service.fire.burn_forecast import arrival_times_s, burn_probability
 from mission_service.fire.estimated_fire import EstimatedFire
 from mission_service.fire.forecast import Arrival, forecast_once
@@ -72,6 +72,7 @@ class _Replay:
         self._core: Core | None = recorded.core() if self._scenario.burn_flown else None
         self._heat = ObservedHeat(self._landscape)
         self._log: list[InterpreterLine] = []
+        self._notes: list[NoteAdded] = []
         self._ensemble_due_us = start_us + round(ENSEMBLE_EVERY_S * 1e6)
 
     def incident(self, at_s: float | None, forecast_s: float, time_zero: datetime) -> Incident:
@@ -120,6 +121,8 @@ class _Replay:
             self._estimate.on_command(command)
         self._record.apply(event, commands)
         self._heat.apply(event)
+        if isinstance(event, NoteAdded):
+            self._notes.append(event)
         if line := operator_line(event):
             self._log.append(InterpreterLine(event.at_us / 1e6, line))
         for command in commands:
@@ -152,6 +155,8 @@ class _Replay:
             record=self._record,
             images=images,
             log=self._log,
+            notes=self._notes,
+            run=self._recorded.path.parent,
         )
 
     def _forecast(

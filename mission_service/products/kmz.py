@@ -1,9 +1,10 @@
-"""Write an incident as KMZ: fronts by time, isochrones, uncertainty, heat and drops, with styles.
+"""Write an incident as KMZ: fronts, isochrones, uncertainty, heat, drops and notes, with styles.
 
 Each feature has a TimeSpan in calendar time, so that the time slider of Google Earth or ATAK shows
 the growth of the fire.
 """
 
+import html
 import io
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
@@ -23,9 +24,13 @@ from firemodel.outputs.layer_legends import arrival_layer, class_of
 from mission_service.products.features import Feature
 from mission_service.products.heat import INTENSE
 from mission_service.products.incident import NOTE, Incident
+from mission_service.products.note_pictures import picture_of
 from mission_service.products.vector_files import write_zip
 
 AHEAD, LIKELY, HOT, DROP = "#6a1b9a", "#0b57a4", "#e00000", "#4a148c"
+NOTED = "#ffb300"
+PICTURE_WIDTH = 480  # pixels
+MAX_TITLE = 60  # characters of a note in the name of its placemark
 CIRCLE, CIRCLE_PIXELS = "circle.png", 32  # white; the styles give the colour
 FOLDERS = {
     "fronts": "Fire perimeter by time",
@@ -34,6 +39,7 @@ FOLDERS = {
     "heat_areas": "Heat: areas",
     "heat_points": "Heat: isolated sources",
     "drops": "Drops",
+    "notes": "Notes",
 }
 
 
@@ -46,6 +52,7 @@ def write_kmz(path: Path, incident: Incident, layers: dict[str, list[Feature]]) 
                           incident.time_zero)  # fmt: skip
     add_class_styles(document, layer)
     _add_styles(document)
+    pictures = _pictures(incident)
     for key, title in FOLDERS.items():
         if key in layers:
             folder = SubElement(document, "Folder")
@@ -53,9 +60,11 @@ def write_kmz(path: Path, incident: Incident, layers: dict[str, list[Feature]]) 
             ends_s = [*(each["properties"]["at_s"] for each in layers[key][1:]), None]
             for feature, end_s in zip(layers[key], ends_s, strict=True):
                 front_style = f"class{class_of(layer, feature['properties']['at_s'])}"
-                _add_placemark(folder, incident, key, feature, (end_s, front_style))
+                placemark = _add_placemark(folder, incident, key, feature, (end_s, front_style))
+                if key == "notes":
+                    _add_description(placemark, feature, pictures)
     text = kml_text(root)
-    contents = {"doc.kml": text.encode(), CIRCLE: _circle()}
+    contents = {"doc.kml": text.encode(), CIRCLE: _circle(), **pictures}
     write_zip(path, contents, incident.utc(incident.at_s))
 
 
@@ -79,7 +88,7 @@ def _add_styles(document: Element) -> None:
         ("scattered", HOT, "33"),
     ):
         add_style(document, name, (f"ff{kml_colour(colour)}", "2"), f"{alpha}{kml_colour(colour)}")
-    for name, colour in (("source", HOT), ("drop", DROP)):
+    for name, colour in (("source", HOT), ("drop", DROP), ("note", NOTED)):
         icon = SubElement(SubElement(document, "Style", {"id": name}), "IconStyle")
         add_text(icon, "color", f"ff{kml_colour(colour)}")
         add_text(icon, "scale", "0.6")
@@ -92,7 +101,7 @@ def _add_placemark(
     key: str,
     feature: Feature,
     of_front: tuple[float | None, str],
-) -> None:
+) -> Element:
     """Add a feature; ``of_front`` are the time of the next front (None: no end) and the style."""
     properties, geometry = feature["properties"], feature["geometry"]
     placemark = SubElement(folder, "Placemark")
@@ -115,6 +124,10 @@ def _add_placemark(
             name, style = f"{category}{area}", "hot" if category == INTENSE else "scattered"
         case "heat_points":
             name, style = properties["poly_FeatureCategory"], "source"
+        case "notes":
+            text = properties["text"]
+            title = text if len(text) <= MAX_TITLE else f"{text[: MAX_TITLE - 1]}…"
+            name, style = f"{when}: {title or 'photo'}", "note"
         case _:
             name, style = f"{properties['vehicle']} {when}: {properties['outcome']}", "drop"
     add_text(placemark, "name", name)
@@ -126,3 +139,31 @@ def _add_placemark(
         add_text(SubElement(placemark, "Point"), "coordinates", f"{lon!r},{lat!r}")
     else:
         add_polygons(placemark, geometry)
+    return placemark
+
+
+def _pictures(incident: Incident) -> dict[str, bytes]:
+    """Return the pictures of the notes by their names in the archive."""
+    photos = {note.photo for note in incident.notes if note.photo}
+    made = {_picture_name(photo): picture_of(incident.run, photo) for photo in sorted(photos)}
+    return {name: data for name, data in made.items() if data is not None}
+
+
+def _picture_name(photo: str) -> str:
+    return f"photos/{photo.partition('.')[0]}.jpg"
+
+
+def _add_description(placemark: Element, note: Feature, pictures: dict[str, bytes]) -> None:
+    """Insert a description (text, author, picture) after the name, as the KML schema requires."""
+    properties = note["properties"]
+    lines = [html.escape(each) for each in (properties["text"], properties["author"]) if each]
+    if photo := properties["photo"]:
+        name = _picture_name(photo)
+        lines.append(
+            f'<img src="{name}" width="{PICTURE_WIDTH}"/>'
+            if name in pictures
+            else f"The photo {html.escape(photo)} is missing from the folder or was changed."
+        )
+    description = Element("description")
+    description.text = "<br/>".join(lines)
+    placemark.insert(1, description)

@@ -1,7 +1,8 @@
 """Finds the smallest addition of batteries, chargers and aircraft that prevents all lapses. Pure.
 
-The additions are tried: one thing more, then two, and so on; batteries before chargers before
-aircraft. If many things lack, things are left out of a large addition, one by one.
+The search tries one additional item (a battery, a charger or an aircraft, in this order), then two
+items, and so on. If more than ``MAX_TRIED`` items are needed, it removes items from a large
+addition, one by one.
 """
 
 from collections.abc import Iterator
@@ -11,8 +12,8 @@ from itertools import combinations_with_replacement
 from mission_service.relief.relief_plan import is_kept
 from mission_service.relief.watch import Watch
 
-MAX_TRIED = 6  # maximum number of things of which all combinations are tried
-MAX_OF_KIND = 20  # maximum number of things of a kind in a larger addition
+MAX_TRIED = 6  # maximum number of items for which all combinations are tried
+MAX_OF_KIND = 20  # maximum number of items of a kind in a larger addition
 
 
 _Kind = tuple[str, str | int]  # "battery" and pool, "charger" and "", "aircraft" and index
@@ -39,16 +40,16 @@ class Addition:
         return " and ".join([", ".join(named[:-1]), named[-1]] if named[:-1] else named)
 
     def verb(self) -> str:
-        """Return "removes" or "remove", as fits ``words``."""
+        """Return the verb after ``words``: "prevents" for one item, "prevent" for several."""
         total = sum(n for _, n in self.batteries) + self.chargers + len(self.aircraft)
-        return "removes" if total == 1 else "remove"
+        return "prevents" if total == 1 else "prevent"
 
 
 def smallest_addition(watch: Watch) -> Addition | None:
-    """Return an addition with which a watch has no lapse; None if even many things do not suffice.
+    """Return an addition with which a watch has no lapse; None if no tried addition suffices.
 
-    Up to ``MAX_TRIED`` things no smaller addition suffices. A larger addition contains nothing that
-    can be left out.
+    If it has at most ``MAX_TRIED`` items, no smaller addition suffices. If it has more, each of its
+    items is needed.
     """
     kinds = _kinds(watch)
     sizes = (kinds * count for count in range(1, MAX_OF_KIND + 1))
@@ -63,9 +64,9 @@ def smallest_addition(watch: Watch) -> Addition | None:
 
 
 def _thinned(watch: Watch, chosen: list[_Kind]) -> list[_Kind]:
-    """Return an addition without the things that can be left out, tried in turn by kind.
+    """Return an addition without the items that can be left out, tried in turn by kind.
 
-    The passes are repeated, because a thing may become superfluous when another is left out.
+    The passes are repeated, because an item may become superfluous when another one is left out.
     """
     before: list[_Kind] = []
     while chosen != before:
@@ -79,7 +80,7 @@ def _thinned(watch: Watch, chosen: list[_Kind]) -> list[_Kind]:
 
 
 def _kinds(watch: Watch) -> list[_Kind]:
-    """Return the kinds of things to add; of equal aircraft only the first."""
+    """Return the kinds of items to add; of equal aircraft only the first."""
     return [
         *(("battery", pool) for pool, _ in watch.batteries),
         ("charger", ""),

@@ -12,8 +12,8 @@ def meeting_point(path_m: list[Point], speed_m_s: float, from_m: Point, other_m_
     """Return the first point of a path that another vehicle reaches before the one on the path.
 
     The first vehicle is at the beginning of the path (x, y) and flies along it at ``speed_m_s``.
-    The other flies straight from ``from_m`` at ``other_m_s``. If it comes too late everywhere, the
-    point is the end of the path.
+    The other vehicle flies straight from ``from_m`` at ``other_m_s``. If it is too late at every
+    point, the result is the end of the path.
     """
     flown_m = 0.0
     for start, end in pairwise(path_m):

@@ -23,7 +23,7 @@ def length(time_s: float) -> str:
 
 
 def summary(watch: Watch, plan: ReliefPlan, addition: Addition | None) -> str:
-    """Return one sentence: how long the watch is kept, what breaks first, and what prevents it."""
+    """Return a summary: how long the watch is kept up, the first lapse, and what prevents it."""
     if not plan.lapses:
         kept = f"kept up for {length(watch.duration_s)}"
         if plan.short_handovers:
@@ -36,7 +36,7 @@ def summary(watch: Watch, plan: ReliefPlan, addition: Addition | None) -> str:
     if len(plan.lapses) > 1:
         total_s = sum(each.end_s - each.start_s for each in plan.lapses)
         others = f" ({len(plan.lapses)} lapses, {length(total_s)} in all)"
-    remedy = f"{MAX_OF_KIND} more of everything do not remove this"
+    remedy = f"{MAX_OF_KIND} more batteries, chargers and aircraft do not prevent this"
     if addition is not None:
         remedy = f"{addition.words} {addition.verb()} this"
     lasts = length(first.end_s - first.start_s)

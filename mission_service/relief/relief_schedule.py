@@ -197,14 +197,14 @@ class ReliefSchedule:
         return NO_AIRCRAFT if charged else f"{NO_AIRCRAFT} and {NO_BATTERY}"
 
     def forget_old_movements(self) -> None:
-        """Remove the takeoffs and landings before all later ones."""
+        """Remove the takeoffs and landings that no later movement can depend on."""
         before_s = min(self.free_s) - self._lookback_s
         for each in self.movements:
             each.forget_before(before_s)
 
     @property
     def _lookback_s(self) -> int:
-        """The longest time before the relief of a station at which its takeoff can be."""
+        """The longest time between a takeoff and the relief of a station by that aircraft."""
         watch = self.watch
         out_s = max((watch.aircraft[n].out_s for n in self.landed_s), default=0)
         crowd = 2 * len(watch.aircraft) + 2

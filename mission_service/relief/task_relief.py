@@ -106,7 +106,7 @@ class ReliefTask:
         return next((each for each in self.members.values() if each.role in roles), None)
 
     def next_of(self, ready: Iterable[str]) -> str | None:
-        """Return the vehicle that stands by for the longest time, of those that are ready."""
+        """Return the ready vehicle that has stood by for the longest time."""
         names = list(self.members)
         standing = [name for name in ready if self.members[name].role is TaskRole.STANDS_BY]
         order = ((self.members[name].since_s, names.index(name), name) for name in standing)

@@ -47,7 +47,7 @@ class WatchAircraft:
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """A watch with ``on_task`` aircraft at all times, and the means for it.
+    """A watch with ``on_task`` aircraft at all times, and its aircraft, batteries and chargers.
 
     Attributes:
         aircraft: The aircraft, all on the ground with a charged battery or without any.

@@ -229,7 +229,7 @@ def figures_of(summary: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-LABELS = {"closest_pair_m": "closest pair (m)", "burned_area_ha": "burned area (ha)"}
+LABELS = {"closest_pair_m": "smallest distance (m)", "burned_area_ha": "burned area (ha)"}
 
 
 def in_text(found: WhatIf) -> str:

@@ -63,8 +63,8 @@ from mission_service.events import (
 )
 from mission_service.guidance.registry import way_of
 from mission_service.missions.recognition import as_uploaded
+from mission_service.runtime.air_data import AirData, MeanAirspeed
 from mission_service.runtime.camera_reports import CameraReports
-from mission_service.runtime.mean_airspeed import MeanAirspeed
 from mission_service.runtime.thrust_loss import ThrustMonitor
 from mission_service.vehicles.parameter_reports import ParameterReports
 
@@ -196,6 +196,7 @@ class Gateway:
         self._last: dict[type, VehicleEvent] = {}
         self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
         self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
+        self._air_data = AirData()
         self._texts: dict[str, int] = {}  # time of each text's last report on the link's clock
         self._offset_us: int | None = None
         self._min_behind_us = 0
@@ -307,6 +308,7 @@ class Gateway:
         now_us, name = self._clock.now_us, self.name
         match event:
             case bridge.Position():
+                self._air_data.over_ground(event)
                 return Telemetry(
                     self._mission_us(event.boot_us, link_us),
                     name,
@@ -396,7 +398,7 @@ class Gateway:
     def _rebooted(self, event: bridge.Rebooted, now_us: int) -> VehicleRebooted:
         self._offset_us = None
         self._last.clear()  # so that all states are reported again
-        self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
+        self._airspeed, self._thrust, self._air_data = MeanAirspeed(), ThrustMonitor(), AirData()
         self._texts.clear()
         return VehicleRebooted(now_us, self.name)
 
@@ -413,7 +415,7 @@ class Gateway:
         return WindMeasured(now_us, self.name, speed_m_s, from_deg)
 
     def _speed(self, event: bridge.Speed, now_us: int) -> None:
-        monitors = (self._airspeed, self._thrust)
+        monitors = (self._airspeed, self._air_data, self._thrust)
         found = [monitor.new_report(event, self.name, now_us) for monitor in monitors]
         self._queued += [each for each in found if each is not None]
 

@@ -25,7 +25,9 @@ def status_lines(statistics: RunStatistics, fire: Fire) -> list[str]:
     for name, vehicle in statistics.vehicles.items():
         accepted = vehicle.uploads["accepted"]
         other = vehicle.uploads.total() - accepted
-        direction = vehicle.direction or ("in formation" if vehicle.orders else "under way")
+        direction = vehicle.direction or ("in formation" if vehicle.orders else "flying")
+        if not statistics.is_in_air(name):
+            direction = "on the ground"
         done = f"{vehicle.reversal_count:3d} reversals"
         if vehicle.orders:
             done = f"{vehicle.orders['Orbit']:3d} orbits"

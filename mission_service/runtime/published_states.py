@@ -228,7 +228,8 @@ RecordKind = Literal["fire", "settings", "note", "mission", "alarm"]
 class Record(msgspec.Struct, tag="record/1", tag_field="schema"):
     """A line of the log that is not announced: a correction of the fire, a mission, an alarm.
 
-    ``note`` is the text of an operator's note about the place ``lat_deg``, ``lon_deg``.
+    ``note`` is the text of an operator's note about the place ``lat_deg``, ``lon_deg``, and
+    ``photo`` the name of its photo.
     """
 
     id: int
@@ -240,6 +241,7 @@ class Record(msgspec.Struct, tag="record/1", tag_field="schema"):
     note: str = ""
     lat_deg: float | None = None
     lon_deg: float | None = None
+    photo: str = ""
 
 
 SourceKind = Literal["camera", "sensor", "detector", "person"]

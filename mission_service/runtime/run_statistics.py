@@ -36,7 +36,7 @@ MAX_REVERSALS = 5_000  # latest reversals stored for each vehicle; the journal c
 # Distinct reasons of missions, which may contain names of users; further reasons count as OTHER.
 MAX_REASONS = 100
 OTHER = "other"
-RECEIVED_WITHIN_US = 2_000_000  # older positions are not used for the closest pair
+RECEIVED_WITHIN_US = 2_000_000  # older positions are not used for the smallest distance
 
 
 @dataclass
@@ -119,8 +119,12 @@ class RunStatistics:
             case _:
                 pass
 
+    def is_in_air(self, name: str) -> bool:
+        """Return whether the vehicle was in the air at its last position."""
+        return name in self._in_air
+
     def _compare(self, fix: Telemetry) -> None:
-        """Update the closest pair; positions of other vehicles are extrapolated by velocity."""
+        """Update the smallest distance; other vehicles are extrapolated by their velocity."""
         self._in_air.pop(fix.vehicle, None)
         if fix.altitude_relative_m < AIRBORNE_M:
             return

@@ -14,7 +14,7 @@ USED_PCT = 99.0  # a battery with less charge is replaced
 
 
 class BatteryCrew:
-    """The batteries at one field, of which all that are used are charged at the same time."""
+    """The batteries at one field; all used batteries are charged at the same time."""
 
     def __init__(
         self,

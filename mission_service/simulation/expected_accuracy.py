@@ -1,13 +1,14 @@
 """Compute the expected error of the estimated front with different numbers of aircraft. Pure.
 
 No true fire is simulated. The fire is computed from the scenario's inputs, and aircraft circle the
-fronts of at least 200 m, one front after the other, at equal distances in time. They fly at their
-airspeed in the scenario's wind (copters: at that speed over the ground), and observe the cells
-within half the width of their camera's footprint. Parts of the front at the edge of the landscape
-are left out. Whenever a part of the front is observed, the filter that learns wind and spread rates
-(``learned_inputs``) is updated as in a run. The covariance of this filter, computed at the
-scenario's inputs, depends on when and where the front is observed, not on the result. The position
-of a part of the front that was last observed τ seconds ago has the standard deviation s with
+fronts of at least 200 m, one front after the other, at equal distances in time. The aircraft fly at
+their airspeed in the scenario's wind (copters: at that speed over the ground), and observe the
+cells within half the width of their camera's footprint. Parts of the front at the edge of the
+landscape are left out. Whenever a part of the front is observed, the filter that learns wind and
+spread rates (``learned_inputs``) is updated as in a run. The covariance of this filter, computed at
+the scenario's inputs, depends on when and where the front is observed, not on the result. The
+position of a part of the front that was last observed τ seconds ago has the standard deviation s
+with
 
     s² = s₀² + (σ τ)²,
 
@@ -147,8 +148,8 @@ def expected_accuracy(
         warn(f"{reached}; the parts of the front there are left out")
     if _is_windy(fire, section):
         warn(
-            f"the wind is faster than {MAX_WIND:.0%} of the airspeed of {section.airspeed_m_s:g} "
-            "m/s: the aircraft cannot fly against it, and the computed errors are too small"
+            f"the wind speed exceeds {MAX_WIND:.0%} of the airspeed ({section.airspeed_m_s:g} "
+            "m/s): the aircraft cannot fly against the wind, and the computed errors are too small"
         )
     return [_accuracy(team, fire) for team in teams]
 
@@ -205,7 +206,7 @@ def _flown(
 ) -> Iterator[tuple[Floats, Floats]]:
     """Move the slots for one period; yield the positions (rows, columns) of each aircraft in one.
 
-    An aircraft reaches its slot when its flight from home has lasted as long as the straight way.
+    An aircraft reaches its slot after the time of the straight flight from home.
     """
     land, wind_m_s = fire.landscape, _wind_m_s(fire, section)
     row, col = _tour(fronts, MIN_FRONT_M / land.cell_size_m)

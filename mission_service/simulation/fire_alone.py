@@ -162,6 +162,7 @@ def _write(
         "cells": landscape.fuel_model.size,
         "burned_cells": int(np.count_nonzero(fire.burned())),
         "burned_area_ha": round(fire.front(fire.time_s).area / 1e4, 2),
+        "interpolated_area_ha": round(fire.interpolated_ha, 2),
         "reached_edge": at_edge(fire) is not None,
         "time_s": fire.time_s,
         "warnings": warnings,

@@ -166,8 +166,8 @@ def from_scenario(
     """Make mocks for a scenario's vehicles, on the ground at their homes.
 
     Without ``links``, each mock connects to the links of its vehicle. Without ``vehicle``, a mock
-    is made for the first vehicle, or for each vehicle if ``links`` is also empty. The spare
-    batteries of ``[simulation.batteries]`` are those of the mocks that are made.
+    is made for the first vehicle, or for each vehicle if ``links`` is also empty. The mocks share
+    the spare batteries of ``[simulation.batteries]``.
 
     Raises MissionServiceError for batteries that the scenario and ``around`` both define.
     """

@@ -48,7 +48,7 @@ class AircraftReports:
         self._empty: set[str] = set()
 
     def decoder(self, source: AircraftSource) -> AircraftDecoder:
-        """Return a decoder for a source, for each connection."""
+        """Return a new decoder for a connection to a source."""
         return DECODERS[source.format](self.table, source.label)
 
     def take_seen(self, vehicle: str, seen: deque[AircraftSeen], at_us: int) -> None:

@@ -1,10 +1,10 @@
 """Decodes air tracks among Cursor on Target events (XML), received by UDP or TCP. Pure.
 
-An air track is an event with the type ``a-*-A…``. Used are ``point`` (``lat``, ``lon``, ``hae``)
-and ``detail/track`` (``course``, ``speed`` in m/s, and ``slope`` in degrees). ``hae`` counts as the
-altitude above the sea; an event with an unknown ``hae`` is not used. The uid ``ICAO-…`` or
-``ICAO…`` contains the address of an aircraft. Source: MITRE, *Cursor-on-Target Message Router
-User's Guide*, base event 2.0.
+An air track is an event with the type ``a-*-A…``. The decoder uses ``point`` (``lat``, ``lon``,
+``hae``) and ``detail/track`` (``course``, ``speed`` in m/s, and ``slope`` in degrees). ``hae``
+counts as the altitude above the sea; an event with an unknown ``hae`` is not used. The uid
+``ICAO-…`` or ``ICAO…`` contains the address of an aircraft. Source: MITRE, *Cursor-on-Target
+Message Router User's Guide*, base event 2.0.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Decodes SBS-1 (BaseStation) text, as dump1090 and readsb send on TCP port 30003. Pure.
 
-A line has 22 fields, separated by commas. Used are the transmission types 1 (callsign), 3 (position
-and pressure altitude), 4 (velocity), and those of 5 to 8 that contain the same fields. Units: feet,
-knots, degrees, feet per minute. Source: the port's de facto specification
+A line has 22 fields, separated by commas. The decoder uses the transmission types 1 (callsign), 3
+(position and pressure altitude), 4 (velocity), and those of 5 to 8 that contain the same fields.
+Units: feet, knots, degrees, feet per minute. Source: the port's de facto specification
 (http://woodair.net/sbs/article/barebones42_socket_data.htm).
 """
 

@@ -49,7 +49,7 @@ class Encounter(NamedTuple):
 def violation(encounter: Encounter, volume: WellClearVolume, lookahead_s: float) -> Interval | None:
     """Return when the volume is first violated and when it is left, from 0 to ``lookahead_s``.
 
-    Returns None without a violation. A violation of a single instant is none.
+    Returns None without a violation. A violation that lasts only one instant does not count.
     """
     vertical = _vertical(encounter.up_m, encounter.up_m_s, volume, lookahead_s)
     if vertical is None:

@@ -4,31 +4,50 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from mission_service.airspace.occupied_space import MissionPlace, Part, Position
+from mission_service.commands import AnyCommand, RaiseAlarm, Severity
+from mission_service.vehicles.vehicle_state import Vehicle
+
+Places = tuple[MissionPlace, ...]
+AIRSPACE = "airspace"  # name of the alarm
 
 
 class Evasion(Enum):
-    """What the service has ordered because of closed airspace, until another mission is flown."""
+    """The order because of closed airspace or terrain, until another mission is flown."""
 
     NONE = "none"
-    HOLD = "hold"  # hold before the volume
+    HOLD = "hold"  # hold before the obstacle
     EXIT = "exit"  # fly out of the volume and hold there
-    AROUND = "around"  # fly home around the volumes
+    AROUND = "around"  # fly home around volumes, or above the ground
 
 
 @dataclass
 class AirspaceState:
-    """What one vehicle flies, as far as it is reported, and its conflict with closed airspace."""
+    """The reported flight of one vehicle, and its conflict with closed airspace."""
 
-    sent: dict[int, tuple[MissionPlace, ...]] = field(default_factory=dict)  # by mission id
+    # The positions of the missions that were sent, and of their landings, by mission id.
+    sent: dict[int, tuple[Places, Places]] = field(default_factory=dict)
     on_board_id: int = 0
-    on_board: tuple[MissionPlace, ...] = ()
+    on_board: Places = ()
+    landing: Places = ()  # after DO_LAND_START in the mission on board
     orbit: Part | None = None  # space of the last orbit ordered
     began_at: Position | None = None  # position at which the present mode began
     checked: tuple[object, ...] = ()  # what the last check considered
     conflict: str = ""  # the limit that the flight violates; empty without a conflict
     evasion: Evasion = Evasion.NONE
     evasion_id: int = 0  # mission of the evasion
+    failed_ways_home: int = 0  # missions home that the autopilot has not accepted in turn
     home_clear_version: int = -1  # version of the airspace in which the straight way home was clear
     acts_again_at_s: float = -1e9
+    return_sent_s: float = -1e9  # time of the last order to return
     alarm: str = ""  # text of the alarm; empty without an alarm
     withheld: bool = False  # whether the last mission or start was not sent
+
+
+def raised(
+    vehicle: Vehicle, state: AirspaceState, words: str, severity: Severity = "warning"
+) -> list[AnyCommand]:
+    """Raise the alarm of a vehicle; return no command if the alarm has this text already."""
+    if words == state.alarm:
+        return []
+    state.alarm = words
+    return [RaiseAlarm(vehicle.name, AIRSPACE, words, severity)]

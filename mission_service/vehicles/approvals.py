@@ -39,7 +39,7 @@ class Proposal:
 
 
 class MissionApprovals:
-    """The proposals of missions, each of which is sent when an operator accepts its hash.
+    """The proposed missions; each is sent when an operator accepts its hash.
 
     A mission that separates two vehicles, or that lands, is sent at once and replaces a proposal.
     """

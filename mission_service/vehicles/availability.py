@@ -43,6 +43,7 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
 # The modes that last until another order. The service may end before the vehicle reports the mode.
 LASTING: dict[type[AnyCommand], str] = {Hold: "hold", Return: "return"}
 ANSWERS = {name: kind for kind, name in ORDER_NAMES.items() if kind in LEADS_TO}
+HAS_LANDED = "it has landed, but is not disarmed yet"
 UNANSWERED_S = 60.0  # time in which a command without acknowledgement may change the mode
 TAKES_EFFECT_S = 5.0  # time in which an acknowledged command may change the mode
 FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status
@@ -61,6 +62,17 @@ class MeasuredWind(NamedTuple):
     from_deg: float
 
 
+class VehicleAirData(NamedTuple):
+    """The true airspeed and the wind that follow from a plane's flight on several headings.
+
+    ``airspeed_factor`` is the true airspeed relative to that by the measured airspeed in the
+    standard atmosphere.
+    """
+
+    airspeed_factor: float
+    wind: MeasuredWind
+
+
 @dataclass(slots=True)
 class VehicleAvailability:
     """The state that determines whether planners may use a vehicle."""
@@ -77,6 +89,7 @@ class VehicleAvailability:
     mode: str = ""  # mode in the last report
     armed: bool = False
     mode_is_ordered: bool = True  # False if the autopilot or the pilot selected the mode
+    restarted_in_air: bool = False  # the autopilot was restarted, and has not reported a position
     on_ground: bool = False  # as EXTENDED_SYS_STATE reports; a crashed vehicle may remain armed
     held_by_upload: bool = False  # the vehicle holds, and only an upload can be the cause
     hold_is_ordered: bool = False  # by an operator, or at the shutdown of the service
@@ -104,6 +117,16 @@ class VehicleAvailability:
     def taken_over(self) -> bool:
         """Whether the autopilot or pilot selected the mode; only operators may then change it."""
         return self.armed and not self.mode_is_ordered
+
+    @property
+    def landed(self) -> bool:
+        """Whether the vehicle has landed in a return or a mission, but is not disarmed yet."""
+        return self.airborne and self.on_ground and self.mode in (*GOING_HOME, MISSION)
+
+    @property
+    def touched_down(self) -> bool:
+        """Whether the vehicle has landed at about the height of home: a hold would lift it off."""
+        return self.landed and self.height_m <= AIRBORNE_M
 
     @property
     def flies(self) -> bool:
@@ -157,12 +180,14 @@ class VehicleAvailability:
         """Reset after a restart of the autopilot; in flight the mode then counts as not commanded.
 
         The last mode remains valid until the next report. An order to return remains valid while
-        the vehicle is armed. A watchdog may restart an autopilot in flight.
+        the vehicle is armed. A watchdog may restart an autopilot in flight; the vehicle is airborne
+        again at its next report of a position, at any height above home.
         """
         ordered = self.mode_is_ordered and not self.airborne
         fresh = VehicleAvailability(self.online, measured_wind=self.measured_wind, fix=self.fix)
         fresh.off_task = self.off_task
         fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
+        fresh.restarted_in_air = (self.airborne or self.restarted_in_air) and self.armed
         fresh.recalled = self.recalled and self.armed
         fresh.recalled_on_ground = fresh.recalled and self.recalled_on_ground
         for each in fields(self):
@@ -170,6 +195,10 @@ class VehicleAvailability:
 
     def refuses(self, order: Order) -> str:
         """Return why an order is not possible in this phase of a landing; "" if it is."""
+        if self.landed and order in ("start", "resume", "takeoff"):
+            return f"{HAS_LANDED}: order it again when it is disarmed"
+        if self.touched_down and order != "hold":
+            return HAS_LANDED
         if order == "go-around":
             return "it is not landing" if self.landing == "none" else ""
         if order == "land":

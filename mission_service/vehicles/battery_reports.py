@@ -1,10 +1,10 @@
 """Keeps what a vehicle's battery reports state, and how fast the vehicle discharges it. Pure.
 
-A value that differs much from the previous one is used only after it has lasted ``CONFIRMED_S``:
-neither a single wrong value nor the end of one orders a return. In the air, a charge that rises
-much is not used: batteries are exchanged on the ground. A charge that falls faster than
-``MAX_DISCHARGE_PCT_S`` is used, but counts as a correction, not as a discharge (the simulated
-battery of PX4 falls to 50 % within half a minute, and stays there).
+A value that differs much from the previous one is used only after it has lasted ``CONFIRMED_S``, so
+that a single wrong value causes no return. In the air, a charge that rises much is not used:
+batteries are exchanged on the ground. A charge that falls faster than ``MAX_DISCHARGE_PCT_S`` is
+used, but counts as a correction, not as a discharge (the simulated battery of PX4 falls to 50 %
+within half a minute, and stays there).
 """
 
 import math
@@ -91,7 +91,7 @@ class UseRate:
         self.per_s = max(self.per_s + weight * (used / span_s - self.per_s), 0.0)
 
     def end_flight(self) -> None:
-        """Begin anew with the next flight; the rate remains."""
+        """Start again with the next flight; the rate remains."""
         self._last = None
 
 
@@ -136,7 +136,7 @@ class BatteryReports:
         self.empty_at.settle(at_s)
 
     def end_flight(self) -> None:
-        """Begin anew with the next flight, perhaps with another battery; the rates remain."""
+        """Start again with the next flight, perhaps with another battery; the rates remain."""
         self.level, self.empty_at = Confirmed(LEVEL_STEP_PCT), Confirmed(TIME_STEP_S)
         self.level_rate.end_flight()
         self.charge_rate.end_flight()

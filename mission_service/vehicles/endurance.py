@@ -43,7 +43,7 @@ class ReturnPerformance(NamedTuple):
 
 
 def planned_performance(section: VehicleSection) -> ReturnPerformance:
-    """Return the performance in a return by the scenario."""
+    """Return the performance in a return, as the scenario states it."""
     speed_m_s = section.return_speed_m_s or section.airspeed_m_s
     return ReturnPerformance(speed_m_s, section.climb_m_s, ACCELERATION_M_S2, section.turn_radius_m)
 
@@ -51,12 +51,14 @@ def planned_performance(section: VehicleSection) -> ReturnPerformance:
 def expected_performance(vehicle: Vehicle, altitude_amsl_m: float) -> ReturnPerformance:
     """Return the performance by the autopilot's parameters, else by the scenario.
 
-    The speed of a plane is its true airspeed at this altitude.
+    The speed of a plane is its true airspeed at this altitude: as measured in this flight, or else
+    in the standard atmosphere.
     """
     planned, read = planned_performance(vehicle.section), vehicle.return_flight
     speed_m_s, turn_radius_m = read.speed_m_s or planned.speed_m_s, planned.turn_radius_m
     if vehicle.section.winged:
         speed_m_s *= true_airspeed_factor(altitude_amsl_m)
+        speed_m_s *= 1.0 if vehicle.air_data is None else vehicle.air_data.airspeed_factor
         if read.bank_deg:
             turn_radius_m = speed_m_s**2 / (GRAVITY_M_S2 * math.tan(math.radians(read.bank_deg)))
     return ReturnPerformance(

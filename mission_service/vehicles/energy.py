@@ -1,9 +1,9 @@
 """Estimates the time that a vehicle's energy lasts, from each of its sources. Pure.
 
-Sources: the vehicle's ``endurance_s``; the charge in percent and the learned rate at which it
-falls; the same by the consumed charge in mAh or the current; the autopilot's own estimate
-(BATTERY_STATUS.time_remaining); a voltage below ``battery_min_voltage_v``. The source with the
-least time left on task counts.
+The sources are: the vehicle's ``endurance_s``; the charge in percent, with the learned rate at
+which it falls, or with a rate computed from the consumed charge in mAh or from the current; the
+autopilot's own estimate (BATTERY_STATUS.time_remaining); a voltage below ``battery_min_voltage_v``.
+The source with the least time left on task counts.
 """
 
 import math

@@ -84,7 +84,7 @@ class LandingState:
         return self.landing_phase not in (LandingPhase.NONE, LandingPhase.WAITING)
 
     def turn(self, vehicle: str) -> tuple[float, int, str]:
-        """Return the key by which waiting vehicles land."""
+        """Return the sort key of the vehicles that wait for their landing."""
         return self.since_s, self.rank, vehicle
 
     def enter(self, phase: LandingPhase, at_s: float, vehicle: str) -> None:

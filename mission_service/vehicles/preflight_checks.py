@@ -50,6 +50,9 @@ class Departure:
         has_surveillance: Whether the run receives other aircraft.
         nearest: The nearest other aircraft, or None.
         requires_remote_id: Whether the scenario requires Remote ID.
+        return_clearance_m: Least height above the ground of returns from the positions of the
+            mission on board; None if it is unknown.
+        return_remedy: The clearance with its remedy if it is too small, or "".
     """
 
     at_s: float
@@ -60,6 +63,8 @@ class Departure:
     has_surveillance: bool = False
     nearest: NearestAircraft | None = None
     requires_remote_id: bool = False
+    return_clearance_m: float | None = None
+    return_remedy: str = ""
 
 
 def checks_of(vehicle: Vehicle, departure: Departure) -> tuple[PreflightCheck, ...]:
@@ -74,6 +79,7 @@ def checks_of(vehicle: Vehicle, departure: Departure) -> tuple[PreflightCheck, .
         _home(vehicle, departure),
         _mission(vehicle),
         _airspace(departure),
+        _return(departure),
         _wind(vehicle, departure),
         _lost_link(vehicle),
     )
@@ -253,6 +259,19 @@ def _airspace(departure: Departure) -> PreflightCheck:
         words = f"it would enter {departure.airspace}: wait until it is open"
         return PreflightCheck(AIRSPACE, "fail", words)
     return PreflightCheck(AIRSPACE, "pass", "home and mission are clear of closed airspace")
+
+
+def _return(departure: Departure) -> PreflightCheck:
+    """Compare the return that the autopilot would begin by itself with the ground on its way."""
+    if departure.return_remedy:
+        words = f"a return from the mission would be {departure.return_remedy}"
+        return PreflightCheck("return", "fail", words)
+    if departure.return_clearance_m is None:
+        return PreflightCheck(
+            "return", "unknown", "no mission with a takeoff, no position or no elevation"
+        )
+    words = f"returns from the mission are {departure.return_clearance_m:.0f} m above the ground"
+    return PreflightCheck("return", "pass", words)
 
 
 def _wind(vehicle: Vehicle, departure: Departure) -> PreflightCheck:

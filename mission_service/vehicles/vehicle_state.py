@@ -14,7 +14,7 @@ from autopilot_bridge.transitions import enter
 from mission_service.commands import Announce
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.landing import Landing
-from mission_service.vehicles.availability import VehicleAvailability
+from mission_service.vehicles.availability import VehicleAirData, VehicleAvailability
 from mission_service.vehicles.battery_reports import BatteryReports
 from mission_service.vehicles.energy import EnergyState
 from mission_service.vehicles.landing_state import LandingState
@@ -119,6 +119,7 @@ class Vehicle:
     # Time since which the measured airspeed differs from the commanded airspeed.
     airspeed_differs_since_s: float | None = None
     airspeed_alarm: bool = False
+    air_data: VehicleAirData | None = None  # as measured in flight
     battery: BatteryReports = field(default_factory=BatteryReports)
     energy: EnergyState = field(default_factory=EnergyState)
     text_at_s: float | None = None  # time of the last text that raised an alarm

@@ -35,7 +35,11 @@ CASES: list[tuple[Stack, dict[str, float], ReturnFlight]] = [
         ReturnFlight(5, 30, 3, 2),
     ),
     (ARDUPLANE, {"AIRSPEED_CRUISE": 22, "RTL_ALTITUDE": 100}, ReturnFlight(22, 100)),
-    (ARDUPLANE, {"AIRSPEED_CRUISE": 22, "RTL_ALTITUDE": -1}, ReturnFlight(22)),
+    (
+        ARDUPLANE,
+        {"AIRSPEED_CRUISE": 22, "RTL_ALTITUDE": -1},
+        ReturnFlight(22, at_current_height=True),
+    ),
     (
         ARDUCOPTER,
         {"RTL_SPEED": 0, "WPNAV_SPEED": 1000, "WPNAV_ACCEL": 250, "RTL_ALT": 1500},

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.links.codec import Codec
+from autopilot_bridge.links.codec import Codec, item_message
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
@@ -299,6 +299,21 @@ def test_a_stray_acknowledgement_ends_nothing(
     pair.client.receive_data(stray(Codec(*source), target, mission_type), pair.now_us)
     pair.run_for(0.5)
     assert all("Transfer" not in type(event).__name__ for event in pair.events)
+
+
+def test_a_late_item_of_the_upload_before_does_not_end_an_upload_to_px4() -> None:
+    """PX4 answers each such item with an error, which may arrive after MISSION_COUNT."""
+    pair = connected(PX4)
+    old, new = line_of(6), line_of(6, first=5)
+    pair.result_of(upload(pair, old))
+    late = Codec(255, 190).encode(item_message((1, 1), 2, old[2], 0, 0))
+    pair.down = MemoryLink(delay_us=200_000)
+    pair.up = MemoryLink()
+    pair.up.send(late, pair.now_us)
+    transfer_id = upload(pair, new)
+    result = pair.result_of(transfer_id, within_s=10.0)
+    assert result.outcome == "accepted"
+    assert held(pair) == kept(new, PX4)
 
 
 @each_stack

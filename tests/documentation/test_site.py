@@ -21,7 +21,7 @@ from docs.site.build import build
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.manual import SITE, site_server, unpack_site
 from tests.documentation.pages import ROOT
-from tests.web.browser import READY_MS, chromium
+from tests.web.browser import chromium, context_of
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 WIDTHS = (390, 1440)
@@ -68,10 +68,10 @@ def test_the_pages_contain_all_documents_and_the_results_of_the_notebooks(site: 
 @pytest.mark.long
 @pytest.mark.parametrize("words", ["loiter_radius_m", "sortie plan", "mission_service_ready"])
 def test_the_search_finds_keys_commands_and_metrics(site: Path, words: str) -> None:
-    with served(site) as address, chromium() as browser:
-        page = browser.new_page()
+    with served(site) as address, chromium() as browser, context_of(browser) as context:
+        page = context.new_page()
         page.goto(f"{address}/search.html?q={quote(words)}")
-        expect(page.locator("#search-results li").first).to_be_visible(timeout=READY_MS)
+        expect(page.locator("#search-results li").first).to_be_visible()
         texts = page.locator("#search-results").inner_text()
     assert any(name in texts for name in ("Configuration", "Command line", "Metrics"))
 
@@ -81,8 +81,13 @@ def test_the_search_finds_keys_commands_and_metrics(site: Path, words: str) -> N
 def test_no_page_is_wider_than_the_window_or_loads_from_other_servers(
     site: Path, width: int
 ) -> None:
-    with served(site) as address, chromium() as browser:
-        page = browser.new_page(viewport={"width": width, "height": 844})
+    viewport = {"width": width, "height": 844}
+    with (
+        served(site) as address,
+        chromium() as browser,
+        context_of(browser, viewport=viewport) as context,
+    ):
+        page = context.new_page()
         refused, others = watched(page)
         wide = {}
         for path in pages_of(site):

@@ -4,12 +4,20 @@ from collections.abc import Iterable
 from xml.etree import ElementTree
 
 from mission_service.commands import Severity
-from mission_service.interfaces.cot.alarm_chat import MAX_A_ROUND, UNSURE_US, AlarmChat, Level
+from mission_service.interfaces.cot.alarm_chat import (
+    MAX_A_ROUND,
+    REPEAT_US,
+    UNSURE_US,
+    AlarmChat,
+    Level,
+)
 from mission_service.runtime.published_states import Alarm
 
 
-def alarm(key: str = "link/hawk", severity: Severity = "severe", text: str = "lost") -> Alarm:
-    return Alarm(key, 0, "hawk", severity, text)
+def alarm(
+    key: str = "link/hawk", severity: Severity = "severe", text: str = "lost", at_us: int = 0
+) -> Alarm:
+    return Alarm(key, at_us, "hawk", severity, text)
 
 
 class Chat:
@@ -47,6 +55,17 @@ def test_the_level_selects_alarms() -> None:
     assert Chat("all").send(both) == ["ALARM lost", "ALARM low"]
 
 
+def test_an_alarm_that_begins_again_has_another_identifier() -> None:
+    # TAK clients show no message with an identifier that they have shown before.
+    chat = Chat()
+    chat.send([alarm()])
+    chat.send([alarm(text="far")])
+    for again_us in range(3):
+        chat.send([alarm(at_us=again_us)])
+        chat.send([])
+    assert len(set(chat.uids)) == len(chat.uids) == 8
+
+
 def test_messages_of_a_lost_connection_are_sent_again_with_the_same_identifier() -> None:
     chat = Chat()
     chat.send([alarm()])
@@ -54,6 +73,36 @@ def test_messages_of_a_lost_connection_are_sent_again_with_the_same_identifier()
     assert chat.send([alarm()]) == ["ALARM lost"]
     assert chat.uids[0] == chat.uids[1]
     chat.chat.connection_lost(UNSURE_US + 1)
+    assert chat.send([alarm()]) == []
+
+
+def test_ends_of_alarms_are_sent_again_too() -> None:
+    chat = Chat()
+    chat.send([alarm()])
+    chat.send([])
+    chat.chat.connection_lost(0)
+    assert chat.send([]) == ["End of the alarm: lost"]
+    assert chat.uids[1] == chat.uids[2]
+    chat.chat.connected(0)
+    chat.chat.handle_timer(REPEAT_US)
+    assert chat.send([]) == ["End of the alarm: lost"]
+    chat.chat.handle_timer(REPEAT_US + UNSURE_US)
+    chat.chat.connection_lost(0)
+    assert chat.send([]) == []
+
+
+def test_messages_after_a_loss_are_sent_once_more_for_clients_that_reconnect_later() -> None:
+    chat = Chat()
+    chat.now_us = 100_000_000
+    chat.chat.connection_lost(chat.now_us)
+    chat.chat.connected(chat.now_us)
+    assert chat.send([alarm()]) == ["ALARM lost"]
+    chat.chat.handle_timer(chat.now_us + REPEAT_US - 1)
+    assert chat.send([alarm()]) == []
+    chat.chat.handle_timer(chat.now_us + REPEAT_US)
+    assert chat.send([alarm()]) == ["ALARM lost"]
+    assert chat.uids[0] == chat.uids[1]
+    chat.chat.handle_timer(chat.now_us + 9 * REPEAT_US)
     assert chat.send([alarm()]) == []
 
 

@@ -20,8 +20,9 @@ from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.behaviour import behaviour_of
-from firemodel.spread.fire_scheme import Fire
+from firemodel.spread.fire_scheme import Closing, Fire
 from firemodel.spread.schemes import SchemeName, new_fire
 from tests.firemodel.grids import landscape, weather
 
@@ -184,6 +185,48 @@ def test_threads_give_the_same_bytes() -> None:
         assert first.after_s.tobytes() == second.after_s.tobytes()
         assert first.flame_m.tobytes() == second.flame_m.tobytes()
     assert len({window.after_s.tobytes() for window in one}) == 12
+
+
+WALL = Closing(900.0, np.arange(20, 40) * 70 + 45)  # a control line east of the ignition
+
+
+@pytest.mark.parametrize("precise", [False, True])
+@pytest.mark.parametrize("begins", [False, True])
+def test_a_copy_over_a_used_copy_is_the_same_as_a_new_copy(precise: bool, begins: bool) -> None:
+    fire = new_fire("anyangle", land(), WeatherStream(SKY), [LIT], closings=[WALL], precise=precise)
+    fire.advance(700.0 if begins else 0.0)
+    assert isinstance(fire, AnyAngleFire)
+    used = fire.copy()
+    for number in range(3):
+        used = fire.copy_over(used)
+        used.perturb(2.0, 90.0 * number, 4.0)
+        used.advance(used.time_s + (60.0, 300.0, 900.0)[number])
+        new, again = fire.copy(), fire.copy_over(used)
+        assert np.array_equal(again._labels.best_s, new._labels.best_s)
+        assert np.array_equal(again._labels.source, new._labels.source)
+        for each in (new, again):
+            each.perturb(1.2, 10.0 * number, np.array([1.1, 0.9]))
+            each.light(50, 20 + number, 1000.0)
+        for time_s in (800.0, 1300.0, HOUR_S):
+            for each in (new, again):
+                each.advance(time_s)
+            assert np.array_equal(again.arrival_time_s, new.arrival_time_s)
+            assert np.array_equal(again.expected_s(), new.expected_s())
+            assert np.array_equal(again.arrival_vectors(), new.arrival_vectors())
+        assert again.burned().sum() > 500
+        used = again
+    here = np.s_[20:40, 25:60]
+    assert np.array_equal(new.arrival_vectors(here), new.arrival_vectors()[:, *here])
+
+
+def test_members_that_use_arrays_again_are_those_of_new_copies() -> None:
+    start, draws = begun(), latin_draws(Uncertainty(), 3, 6, 2)
+    windows = list(burned_windows(start, draws, range(6), HOUR_S, 1))
+    for draw, window in zip(draws, windows, strict=True):
+        alone = begun()
+        expected = alone.window(burned(alone, draw), draw)
+        assert window.after_s.tobytes() == expected.after_s.tobytes()
+        assert window.flame_m.tobytes() == expected.flame_m.tobytes()
 
 
 def test_products_agree_with_a_count_of_members() -> None:

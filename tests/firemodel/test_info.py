@@ -1,6 +1,7 @@
 """Descriptions of files list their contents and all problems."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,10 @@ def test_what_is_in_a_single_raster(tmp_path: Path) -> None:
     text = in_text(found)
     assert "if these are fuel codes" in text
     assert "37.5 % short grass" in text
+    centre_deg = re.search(r"centre (-?[\d.]+),(-?[\d.]+)", text)
+    assert centre_deg is not None
+    expected_deg = pytest.approx(((south + north) / 2, (west + east) / 2), abs=1e-5)
+    assert tuple(map(float, centre_deg.groups())) == expected_deg
     assert text.endswith("no problems")
     assert "fuels" not in describe(write_raster(tmp_path / "dem.tif", HEIGHTS))["bands"][0]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.mixed_fuel import FUELS, burned_ha, cut, duration_s, flat, middle
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_arrival
 from tests.firemodel.grids import landscape, steady, weather
 from tests.firemodel.test_anyangle import ellipse_s, wind_for
 
@@ -26,7 +27,7 @@ def test_smaller_cells_burn_the_same_area(seed: int, precise: bool, worst: float
     land = cut(flat(patches(seed), 120.0), 5)
     end_s = duration_s(land, stream, 0.4)
     area, fine = (burned_ha(cut(land, n), stream, end_s, precise) for n in (1, 3))
-    assert area > 100.0
+    assert area.whole_ha > 100.0
     assert area == pytest.approx(fine, rel=worst)
 
 
@@ -65,6 +66,41 @@ def test_changes_of_weather_without_effect_change_no_area(
     assert len(stream.changes()) == 16
     expected = burned_ha(land, WeatherStream([one]), end_s, precise)
     assert burned_ha(land, stream, end_s, precise) == pytest.approx(expected, rel=worst)
+
+
+@pytest.mark.parametrize("precise", [False, True])
+def test_an_interpolated_area_is_that_of_a_circle(precise: bool) -> None:
+    fire = AnyAngleFire(landscape(1, shape=(41, 41)), steady(), [(20, 20, 0.0)], precise=precise)
+    fire.advance(1e5)
+    rate_cells_s = 10.0 / fire.arrival_time_s[20, 30]
+    cell_ha = fire.landscape.cell_size_m**2 / 1e4
+    for radius in (4.3, 8.7, 12.2):
+        again = AnyAngleFire(fire.landscape, steady(), [(20, 20, 0.0)], precise=precise)
+        again.advance(radius / rate_cells_s)
+        assert again.interpolated_ha == pytest.approx(np.pi * radius**2 * cell_ha, rel=0.01)
+
+
+def test_an_interpolated_area_depends_less_on_the_size_of_cells() -> None:
+    errors = []
+    for seed in range(21, 27):
+        land, stream = cut(flat(patches(seed), 120.0), 3), steady(5.0, 250.0)
+        end_s = duration_s(land, stream, 0.3)
+        coarse, fine = (burned_ha(cut(land, n), stream, end_s, True) for n in (1, 5))
+        errors.append(coarse.error(fine))
+    whole, parts = np.abs(errors).mean(axis=0)
+    assert parts < 0.3 * whole
+
+
+@pytest.mark.parametrize("precise", [False, True])
+def test_cells_of_an_initial_fire_count_as_a_whole(precise: bool) -> None:
+    land = cut(flat(patches(14), 120.0), 2)
+    fire = AnyAngleFire(land, steady(5.0, 250.0), [middle(land)], precise=precise)
+    fire.advance(4000.0)
+    begun = fire.restarted(burning_from_arrival(fire.expected_s(), land, 4000.0))
+    assert begun.burned_ha > 3.0
+    assert begun.interpolated_ha == pytest.approx(begun.burned_ha)
+    begun.advance(20000.0)
+    assert begun.interpolated_ha == pytest.approx(begun.burned_ha, rel=0.03)
 
 
 @pytest.mark.parametrize(("precise", "worst"), [(False, 0.005), (True, 1e-9)])

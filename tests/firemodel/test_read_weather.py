@@ -152,7 +152,7 @@ DATED = "time,wind_speed_m_s,wind_from_deg\n"
         (HEAD + "0,1\n", r"line 2: 2 cells, but 3 columns"),
         (HEAD + "nan,1,0\n", r"line 2: at_s = nan is not a number of seconds"),
         (HEAD + "0,1,0\n0,2,0\n", r"line 3: at_s = 0 is not later than the previous record \(0\)"),
-        (HEAD + "60,1,0\n", r"from at_s = 60 to 60, the start 0 s is outside"),
+        (HEAD + "60,1,0\n", r"from at_s = 60 to 60; the start 0 s is outside"),
         ("at_s,wind_from_deg\n0,0\n", r"no column for wind speed, such as wind_speed_m_s"),
         ("at_s,wind_speed_m_s\n0,0\n", r"no column for wind_from_deg or wind_toward_deg"),
         ("wind_from_deg,wind_speed_m_s\n0,0\n", r"no column for time or at_s"),

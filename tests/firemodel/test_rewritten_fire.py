@@ -74,7 +74,7 @@ def test_each_path_has_a_tip_after_a_rewritten_fire_is_lit_again(burning: AnyAng
     changed[row - 6 : row + 1, :] = True
     arrival_s[changed] = np.inf
     found = burning.rewritten(arrival_s, changed)
-    best_s, source = found._labels
+    best_s, source, _ = found._labels
     _, keys, waiting = found._queue
     ahead = np.flatnonzero((best_s > found.time_s) & (source >= 0))
     queued = np.concatenate([keys[: found._size], waiting[: found._waits]])

@@ -16,7 +16,7 @@ from netCDF4 import Dataset
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.gridded_wind import WindStack, with_wind_stack
+from firemodel.landscape.gridded_wind import WindStack, from_grid_north, with_wind_stack
 from firemodel.landscape.info import describe
 from firemodel.landscape.readers.wind_files import WindFiles, read_wind
 from firemodel.physics.rothermel import M_S_PER_MPH
@@ -331,6 +331,11 @@ def test_a_landscape_whose_north_is_not_true_north() -> None:
     assert east.grid_convergence_deg > 1.0
     found = with_wind_stack(WeatherStream([weather()]), stack_of(10.0), east, 900.0).entries[0]
     assert found.wind_from_deg == pytest.approx(180.0 + east.grid_convergence_deg)
+    from_grid = WeatherStream([replace(weather(), wind_from_deg=359.5)], WeatherSource("a", None))
+    turned = from_grid_north(from_grid, east)
+    assert turned.source == from_grid.source
+    assert turned.entries[0].wind_from_deg == pytest.approx(east.grid_convergence_deg - 0.5)
+    assert east.grid_deg(turned.entries[0].wind_from_deg) == pytest.approx(-0.5)
 
 
 def small(path: Path, **changes: Any) -> Path:

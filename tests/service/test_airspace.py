@@ -51,6 +51,7 @@ from mission_service.events import (
 )
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.missions.mission_hash import mission_hash
+from mission_service.vehicles.airspace_state import AirspaceState
 from tests.service.people_flights import ANN, Fly, flights_in
 
 FIRE = (36.364232, -84.140907)
@@ -394,7 +395,7 @@ def test_the_return_of_a_plane_ends_in_a_circle_above_home(kind: str, circles: b
     core.handle(Telemetry(1, "hawk", float(lat_deg), float(lon_deg), 500.0, 150.0, 0.0, -15.0, 0.0))
     fix = vehicle.availability.fix
     assert fix is not None
-    parts = FlightSpace(core.landscape).of_return(vehicle, fix)
+    parts = FlightSpace(core.landscape).of_return(vehicle, fix, AirspaceState())
     reach_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m
     beyond_home = shapely.Point(vehicle.home_m[0] - 0.9 * reach_m, vehicle.home_m[1])
     assert any(part.shape.intersects(beyond_home) for part in parts) == circles
@@ -532,7 +533,7 @@ def test_a_vehicle_returns_around_a_volume_between_it_and_home(fly: Fly) -> None
     entries = flight.over()
     assert inside_s(entries, middle, 150.0) == 0.0
     whys = [entry.why for entry in entries if isinstance(entry, UploadMission)]
-    assert "fly home around closed airspace" in whys
+    assert "fly home clear of closed airspace and terrain" in whys
     assert any(isinstance(entry, Return) for entry in entries)
     last = position(entries)
     assert math.dist((last.lat_deg, last.lon_deg), HAWK_HOME) < 0.004

@@ -24,7 +24,7 @@ from tests.service.intruders import fly_past, meeting
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 from tests.service.test_airspace import HAWK_HOME, here, inside_s, square
 
-AROUND, HALF_M = "fly home around closed airspace", 120.0
+AROUND, HALF_M = "fly home clear of closed airspace and terrain", 120.0
 
 
 @pytest.fixture

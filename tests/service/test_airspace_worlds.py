@@ -140,6 +140,7 @@ def test_a_world_is_the_same_each_time() -> None:
         *(*range(12), 341, 360, 20010, 20019, 21015, 21024, 30053, 30139, 31015),
         *(40115, 40149, 40403, 40583, 40772, 41067, 50255, 50786, 50989),
         *(60454, 60833, 61123, 73452),
+        *(92273, 92621, 93158, 70326, 81126, 80201, 200162, 201590, 302075),
     ],
 )
 def test_a_random_world_has_no_violation(seed: int) -> None:
@@ -154,7 +155,11 @@ def test_a_random_world_has_no_violation(seed: int) -> None:
     of a way out before its start, in 50786 a climb out of a volume would lead into another one, and
     in 50989 a plane flies beside the line to its loiter. In 60454 a return beside a volume cannot
     be flown, in 60833 a level way out ends near the ground, in 61123 a mission begins in a margin,
-    and in 73452 a volume is closed above a hold over rising ground.
+    and in 73452 a volume is closed above a hold over rising ground. In 92273 a volume closes during
+    the upload of a way home, in 92621 a multirotor is low below a volume, in 93158 and 200162 a
+    hold is raised beside a volume, in 70326 and 81126 the ground rises faster than a plane climbs,
+    in 80201 a multirotor lands beside a volume, in 201590 an autopilot is restarted below the
+    altitude of its home, and in 302075 a hill is on the way home of an ordered return.
     """
     assert fly(seed)[1] == []
 

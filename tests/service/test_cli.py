@@ -217,3 +217,14 @@ def test_the_path_of_the_token_is_printed_unchanged(
     report_address(Path("out"), address)
     printed = capsys.readouterr().err
     assert printed == f"map: http://127.0.0.1:1/ {words}\n"
+    report_address(Path("out"), address, "tour")
+    assert capsys.readouterr().err == f"map: http://127.0.0.1:1/#tour {words}\n"
+
+
+@pytest.mark.parametrize(("address", "sign"), [("http://a/#token=secret", "&"), ("http://a/", "#")])
+def test_a_terminal_receives_the_token_and_the_tour(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, address: str, sign: str
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    report_address(Path("out"), address, "tour")
+    assert capsys.readouterr().err == f"map: {address}{sign}tour\n"

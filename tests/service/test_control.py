@@ -140,6 +140,10 @@ GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
         {"do": "note", "text": " gate locked ", "lat_deg": 36, "lon_deg": -84},
         NoteAdded(*EVENT, "gate locked", 36.0, -84.0),
     ),
+    (
+        {"do": "note", "text": "gate", "lat_deg": 36, "lon_deg": -84, "photo": f"{'0a' * 32}.jpg"},
+        NoteAdded(*EVENT, "gate", 36.0, -84.0, f"{'0a' * 32}.jpg"),
+    ),
     ({"do": "acknowledge", "alarm": "link/hawk"}, AlarmAcknowledged(*EVENT, "link/hawk")),
     ({"do": "undo"}, Undone(*EVENT)),
     ({"do": "redo"}, Redone(*EVENT)),

@@ -157,7 +157,7 @@ def test_a_wind_that_stops_planes_is_a_warning_and_does_not_slow_copters() -> No
         section = scenario.vehicles[0]
         found += expected_accuracy(scenario, land, section, [1], 20.0, texts.append)
         warnings.append(texts)
-    assert "the aircraft cannot fly against it" in warnings[0][-1]
+    assert "the aircraft cannot fly against the wind" in warnings[0][-1]
     assert not any("fly against" in text for text in warnings[1])
     assert found[1].error_m < found[0].error_m
 

@@ -77,6 +77,23 @@ def test_custom_fuel_rate_factors_and_an_inputs_file_change_the_fire(tmp_path: P
     assert "case.input: the run ignores FARSITE_TIMESTEP\n" in result.stderr
 
 
+def test_wind_of_a_file_may_be_given_from_grid_north(tmp_path: Path) -> None:
+    site = write_site(tmp_path)
+    (site / "case.input").write_text(INPUTS, encoding="utf-8")
+    convergence_deg = LAND.grid_convergence_deg
+    assert abs(convergence_deg) > 0.005
+    found = {}
+    for north in ("true", "grid"):
+        scenario = write_scenario(site, TIFFS, f'{WIND}north = "{north}"\n', POINT)
+        stream = weather_of(load_scenario(str(scenario)))
+        found[north] = [entry.wind_from_deg for entry in stream.entries]
+        assert stream.source is not None
+    assert found["true"] == [270.0, 240.0]
+    turned = [270.0 + convergence_deg, 240.0 + convergence_deg]
+    assert found["grid"] == pytest.approx(turned, abs=1e-6)
+    assert LAND.grid_deg(found["grid"][0]) == pytest.approx(270.0)
+
+
 def test_dead_fuel_by_zones_changes_the_fire_and_needs_conditioning(tmp_path: Path) -> None:
     site = write_site(tmp_path)
     earlier = INPUTS.replace("RAWS: 2\n", "RAWS: 3\n2024 7 1 0800 77 25 0 11.2 270 0\n")

@@ -99,7 +99,8 @@ def test_each_stack_is_asked_for_what_shows_its_trouble(
 ) -> None:
     asked = rates_for(stack_named(stack, "plane"), RATES_HZ)
     names = {mavlink.mavlink_map[number].msgname: hz for number, hz in asked.items()}
-    for name in own | {"EXTENDED_SYS_STATE", "GPS_RAW_INT"}:
+    assert names["EXTENDED_SYS_STATE"] == 4.0
+    for name in own | {"GPS_RAW_INT"}:
         assert names[name] == 1.0
     assert not other & set(names)
     assert {"SYS_STATUS", "BATTERY_STATUS"} <= set(names)

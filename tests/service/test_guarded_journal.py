@@ -151,7 +151,7 @@ def test_an_order_that_cannot_be_written_down_is_not_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "journal.jsonl"
-    simulation = flight(path, 12.0)
+    simulation = flight(path, 40.0)  # higher than a plane that must climb first
     service, now_us = simulation.service, simulation.clock.now_us
     done: list[Any] = []
     monkeypatch.setattr(simulation.rigs[0].gateway, "execute", lambda *args: done.append(args[0]))

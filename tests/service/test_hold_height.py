@@ -6,7 +6,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.commands import AnyCommand, Hold, HoldAt
 from mission_service.config.scenario import load_scenario
 from mission_service.core.hold_height import RAISED_HOLD_AGL_M
-from mission_service.events import Aborted, CommandFinished
+from mission_service.events import Aborted, CommandFinished, MissionProgress
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.missions.orbits import highest_ground_m
 from tests.service.people_flights import ANN
@@ -24,6 +24,7 @@ def holds(commands: list[AnyCommand]) -> list[AnyCommand]:
 
 def test_a_hold_is_above_the_highest_ground_that_its_circle_reaches(land: Landscape) -> None:
     low = Aloft(land, "none", height_m=20.0)
+    low.handle(MissionProgress(low.at_us, "hawk", 9))  # its takeoff has ended
     (hold,) = holds(low.handle(Aborted(low.at_us, *ANN)))
     assert isinstance(hold, HoldAt)
     place_m = land.xy_of_lat_lon(*PLACE)

@@ -61,6 +61,7 @@ SHELL = {
     "mission_service/interfaces/cot/cot_sender.py",
     "mission_service/interfaces/cot/event_receiver.py",
     "mission_service/interfaces/cot/tak_connections.py",
+    "mission_service/interfaces/cot/tak_endpoint.py",
     "mission_service/replay/flights/replay_server.py",
     "mission_service/cli/replay_live.py",
     "mission_service/interfaces/mqtt/peer_exchange.py",

@@ -102,6 +102,22 @@ def test_a_second_fire_that_was_not_seen_for_long_is_visited() -> None:
     assert np.hypot(path[:, 0] - 60.0, path[:, 1] - 130.0).min() < 16.0
 
 
+@pytest.mark.parametrize("unseen_s", [30.0, 300.0])
+def test_after_a_lap_of_a_small_fire_a_flight_to_another_one_needs_no_large_gain(
+    unseen_s: float,
+) -> None:
+    planner, radius = planners()["uav0"], 3.0
+    left_at = None
+    for flown in range(40):
+        at_s, angle = flown / planner.settings.speed_cells_s, flown / radius
+        far = circle(60.0, 100.0, 15.0, unseen_s=unseen_s + at_s)
+        planner.on_fronts(event(at_s, circle(60.0, 60.0, radius), far))
+        planner.at(60.0 - radius * math.cos(angle), 60.0 + radius * math.sin(angle), at_s)
+        if left_at is None and planner._plan.hop is not None:
+            left_at = flown
+    assert left_at == math.ceil(math.tau * radius)
+
+
 def test_a_flight_to_another_fire_begins_ahead_of_the_vehicle() -> None:
     """A path from the vehicle's position would lead back as soon as the vehicle has moved on."""
     planner = planners()["uav0"]

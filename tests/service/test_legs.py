@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from shapely.geometry.base import BaseGeometry
 
 from mission_service.guidance.front.informative.legs import leg, unburned_ground
@@ -53,6 +54,25 @@ def test_a_detour_of_ten_percent_is_taken_and_one_of_fifty_is_not() -> None:
     assert np.array_equal(leg(WEST, EAST, unburned_ground([wall(0.5)])), [WEST, EAST])
     allowed = leg(WEST, EAST, unburned_ground([wall(0.5)]), max_detour=0.6)
     assert length_of(allowed) == pytest.approx(200.0 * 1.5, rel=0.01)
+
+
+@pytest.mark.parametrize(("detour", "taken"), [(0.18, True), (0.6, False)])
+def test_the_distance_from_burned_ground_is_no_part_of_the_detour(
+    detour: float, taken: bool
+) -> None:
+    """Around a small fire, this distance makes the leg clearly longer."""
+    bearings, radius = np.linspace(0.0, math.tau, 48, endpoint=False), 8.0
+    fire = radius * np.column_stack([np.sin(bearings), np.cos(bearings)])
+    # The way along the edge is longer than the chord by the detour.
+    half = brentq(lambda angle: angle / math.sin(angle) - 1.0 - detour, 0.1, 3.0)
+    start, goal = (
+        1.001 * radius * np.array([math.cos(half), side * math.sin(half)]) for side in (-1, 1)
+    )
+    flown = leg(start, goal, unburned_ground([fire]))
+    assert (len(flown) > 2) == taken
+    if taken:
+        assert over([0.9 * fire], flown) == 0.0
+        assert length_of(flown) > 1.25 * math.dist(start, goal)
 
 
 def test_the_shorter_way_round_is_taken() -> None:

@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 from autopilot_bridge.vehicle.client_events import Speed
-from mission_service.runtime.mean_airspeed import MeanAirspeed
+from mission_service.runtime.air_data import MeanAirspeed
 
 EVERY_US = 500_000
 

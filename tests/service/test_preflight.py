@@ -170,6 +170,7 @@ def test_all_checks_pass_for_a_vehicle_that_is_ready(land: Landscape) -> None:
         "home",
         "mission",
         "airspace",
+        "return",
         "wind",
     ]
     assert found == dict.fromkeys([*names, "lost link", "other aircraft"], "pass")

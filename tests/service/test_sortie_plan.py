@@ -108,7 +108,7 @@ def test_the_sentence_names_lapse_reason_and_remedy() -> None:
     *_, last = result.stdout.splitlines()
     assert last.startswith("lapses at 0:37 for ")
     assert "no aircraft ready; " in last
-    assert last.endswith("1 more charger and 1 more aircraft like hawk remove this")
+    assert last.endswith("1 more charger and 1 more aircraft like hawk prevent this")
 
 
 def test_the_sentence_of_a_kept_watch_states_its_period() -> None:

@@ -79,7 +79,7 @@ def test_two_vehicles_on_task_are_a_defect() -> None:
         ('relief.vehicles=["hawk"]', "relief.vehicles"),
         ('relief.vehicles=["hawk", "hawk"]', "contains a vehicle twice"),
         ('relief.vehicles=["hawk", "gull"]', "no vehicle gull"),
-        ("vehicles.1.airspeed_m_s=20", "airspeed_m_s of kite is 20.0, of hawk 18.0"),
+        ("vehicles.1.airspeed_m_s=20", "airspeed_m_s is 20.0 for kite, but 18.0 for hawk"),
         ('planner.rule="team.balanced"', "needs a rule with a separate planner"),
         ('planner.rule="informative"', "needs a rule with a separate planner"),
         ('mission.approval="each"', "reliefs do not wait"),

@@ -87,6 +87,16 @@ def test_a_hot_arc_costs_less_than_circling_and_as_much_as_the_best_pattern(
         assert ours < 1.05 * best_pattern_cost(case)[0]
 
 
+def test_on_a_long_ring_the_pattern_ends_with_the_arc() -> None:
+    """Roll-outs divide this ring into nodes of two cells; all cells of the arc are served."""
+    case = ArcCase(280, 154, 38, 51.5, 7, SPEED_M_S, 0.0)
+    rule = Balanced()
+    fleet = ActiveFleet(np.arange(7), np.arange(0, 280, 40), np.ones(7, bool), np.full(7, 20.0))
+    rule.decide(FrontRing(np.full(280, CELL_M), hot_rates(case), np.zeros(280)), fleet, 0, 0.0)
+    assert rule.nodes == 140
+    assert rule._pattern == Pattern(154, 37, 4, 0)
+
+
 def test_on_an_even_ring_all_lap() -> None:
     case = arc(5, factor=1.0)
     lapping = settled_cost(LAPS, nodes(case), 5, SPEED_M_S, 0.0)
@@ -150,12 +160,26 @@ def test_an_arc_moves_with_its_cells() -> None:
     assert on_new_ring(LAPS, onward, 200) == LAPS
 
 
-@pytest.mark.parametrize(("longer", "laps"), [(1.0, False), (1.02, False), (1.3, True)])
-def test_no_arc_is_served_on_a_ring_that_grows_fast(longer: float, laps: bool) -> None:
+@pytest.mark.parametrize(
+    ("lengths", "laps"),
+    [
+        ([(1.0, 0.0), (1.0, 1.0)], False),
+        ([(1.0, 0.0), (1.02, 1.0)], False),
+        ([(1.0, 0.0), (1.3, 1.0)], True),
+        # Growth of 13 % in a lap is between the limits: what was flown before is flown on.
+        ([(1.0, 0.0), (1.3, 2.7)], False),
+        ([(1.0, 0.0), (1.3, 1.0), (1.3, 2.7)], True),
+        ([(1.0, 0.0), (1.3, 1.0), (1.3, 3.8)], False),  # 9 %
+    ],
+)
+def test_no_arc_is_served_on_a_ring_that_grows_fast(
+    lengths: list[tuple[float, float]], laps: bool
+) -> None:
+    """``lengths`` are lengths of the ring as factors, and times in laps of the first ring."""
     case = arc(4)
     same, rule, lap_s = np.ones(case.cells), Balanced(), case.cells * CELL_M / SPEED_M_S
     fleet = ActiveFleet(np.arange(4), np.arange(0, 60, 15), np.ones(4, bool), np.full(4, SPEED_M_S))
-    for grown, at_s in ((1.0, 0.0), (longer, lap_s)):
+    for grown, at_laps in lengths:
         ring = FrontRing(grown * CELL_M * same, hot_rates(case), 0.0 * same)
-        rule.decide(ring, fleet, 0, at_s)
+        rule.decide(ring, fleet, 0, at_laps * lap_s)
     assert (rule._pattern == LAPS) == laps

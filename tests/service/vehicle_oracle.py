@@ -15,6 +15,7 @@ from mission_service.commands import (
     ClimbAndHold,
     GoAround,
     Hold,
+    HoldAt,
     Land,
     Orbit,
     Return,
@@ -22,6 +23,7 @@ from mission_service.commands import (
     StartMission,
     UploadMission,
 )
+from mission_service.core.operator_orders import CLIMB_FIRST_M
 from mission_service.events import (
     Aborted,
     AnyEvent,
@@ -74,6 +76,7 @@ class VehicleRecord:
     online: bool = False
     armed: bool = False
     airborne: bool = False
+    height_m: float = 0.0
     mode: str = ""
     judged: Judged = "ordered"
     # It has flown, or was disarmed or ordered home: no start without an order.
@@ -173,8 +176,9 @@ class Oracle:
                 record.online = True
             case LinkLost():
                 record.online = False
-            case Telemetry(altitude_relative_m=height_m) if height_m >= AIRBORNE_M:
-                record.airborne = True
+            case Telemetry(altitude_relative_m=height_m):
+                record.airborne |= height_m >= AIRBORNE_M
+                record.height_m = height_m
             case CommandFinished(command=name):
                 self._answered(record, name, 0, at_s)
             case UploadFinished(mission_id=mission_id):
@@ -304,6 +308,8 @@ class Oracle:
             case "start" | "resume" | "takeoff":
                 record.held = record.home = record.needs_order = False
                 record.licence = "lead"
+        if due is Hold and (_has(commands, HoldAt, name) or record.height_m < CLIMB_FIRST_M):
+            return []  # a plane in its takeoff climbs first
         if flies and due is not None and not _has(commands, due, name):
             return [Violation("order not carried out", words)]
         return []
@@ -317,7 +323,8 @@ class Oracle:
         flies = record.online and record.airborne and record.armed and record.mode not in GOING_HOME
         if self._burn:  # it already holds at the safe height, and without a position it cannot hold
             return []
-        stops = _has(commands, Hold, name) or _has(commands, GoAround, name)
+        stops = any(_has(commands, kind, name) for kind in (Hold, HoldAt, GoAround))
+        stops |= record.height_m < CLIMB_FIRST_M  # a plane in its takeoff climbs first
         if flies and record.judged == "ordered" and not stops:
             return [Violation("order not carried out", f"abort of {name} in {record.mode!r}")]
         return []

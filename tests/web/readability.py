@@ -83,6 +83,18 @@ def small_targets(page: Page) -> list[str]:
     return found
 
 
+def cut_texts(page: Page) -> list[str]:
+    """Return controls and texts that are wider than their box."""
+    found: list[str] = page.evaluate(
+        """() => [...document.querySelectorAll(
+                "button, select, label, legend, summary, output, strong, p, h2, h3, dt, dd, .tabs")]
+            .filter((one) => one.checkVisibility() && getComputedStyle(one).display !== "inline")
+            .filter((one) => one.scrollWidth > one.clientWidth + 1)
+            .map((one) => one.outerHTML.slice(0, 120))"""
+    )
+    return found
+
+
 def assert_readable(page: Page, panel: str, size: tuple[int, int]) -> None:
     """Set the size of the window, and check texts, controls and the width of a panel."""
     page.set_viewport_size({"width": size[0], "height": size[1]})

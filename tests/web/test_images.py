@@ -178,7 +178,7 @@ def test_the_picture_is_where_the_image_shows_the_ground(page: Page, site: Site)
     wait_for(lambda: share(hot, bright) > 0.8, 30, "flames where the image shows them")
     wait_for(lambda: share(cool, dark) > 0.8, 30, "cool ground where the image shows it")
     page.reload()
-    page.wait_for_selector("#map[data-ready]", timeout=screen.READY_MS)
+    page.wait_for_selector("#map[data-ready]")
 
 
 def test_another_image_is_selected_by_buttons_and_on_the_map(page: Page, site: Site) -> None:

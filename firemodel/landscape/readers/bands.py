@@ -1,4 +1,4 @@
-"""Read the header and the values of one band of a raster file, and check both."""
+"""Read and check the header and the values of one band of a raster file."""
 
 import math
 import warnings

@@ -276,7 +276,7 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
             )
     if at_s[0] > 0.0 or at_s[-1] < 0.0:
         raise FireModelError(
-            f"{path}: its weather is from {name} = {rows[0][1][name]} to {rows[-1][1][name]}, the "
+            f"{path}: its weather is from {name} = {rows[0][1][name]} to {rows[-1][1][name]}; the "
             f"start {start or '0 s'} is outside; give another start or file"
         )
     return np.array(at_s)

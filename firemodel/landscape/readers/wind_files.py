@@ -264,9 +264,10 @@ def _seconds(pairs: Sequence[WindPair], starts: Sequence[datetime]) -> list[floa
 def _start_for(times: Iterable[Time], starts: Sequence[datetime]) -> datetime | None:
     """Return the calendar time of 0 s, or None if no time is a calendar time.
 
-    It is the first start that has a UTC offset if the times have one, or has none if they have
-    none. If there is no such start, it is the local time of the first start for times without an
-    offset, and the first start for times with one. Without starts, it is the first of the times.
+    If the times have a UTC offset, the result is the first start with an offset, otherwise the
+    first start without one. If there is no such start, it is the local time of the first start for
+    times without an offset, and the first start for times with one. Without starts, it is the first
+    of the times.
     """
     dates = [time for time in times if isinstance(time, datetime)]
     if not dates:

@@ -1,9 +1,9 @@
 """Find the bands of wind speed and direction, or of wind components, in a raster file.
 
-Formats: ESRI ASCII grids and GeoTIFFs, of which a file may have one or many bands, NetCDF and GRIB.
-A band of a GeoTIFF is named by its description (``NAMES``), which may be followed by a time:
-seconds after mission time 0, or ISO 8601. In NetCDF the variable's name, its ``standard_name`` (CF)
-and the time axis are used, in GRIB the element and the valid time.
+The formats are ESRI ASCII grid, GeoTIFF (a file may have one or many bands), NetCDF and GRIB. A
+band of a GeoTIFF is named by its description (``NAMES``), which may be followed by a time: seconds
+after mission time 0, or ISO 8601. In NetCDF the variable's name, its ``standard_name`` (CF) and the
+time axis are used, in GRIB the element and the valid time.
 """
 
 import math

@@ -46,7 +46,7 @@ def map_group() -> None:
     "--max-zoom",
     type=click.IntRange(0, 22),
     default=22,
-    help="Highest zoom level (default: that of the source).",
+    help="Highest zoom level (default: the highest level of the source).",
 )
 @JSON
 def pack_command(

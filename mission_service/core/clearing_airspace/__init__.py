@@ -1,1 +1,1 @@
-"""Clears the airspace at an operator's request; ``airspace_clearing`` is the part of the core."""
+"""Clears the airspace at an operator's request; the core uses ``airspace_clearing``."""

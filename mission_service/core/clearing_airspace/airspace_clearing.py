@@ -3,9 +3,9 @@
 Vehicles land one after the other at each field (``landings.py``): first those that land already,
 then those with the least time left on task; the others hold until their turn. Vehicles leave a
 volume all at once (``airspace_guard.py``). A vehicle that cannot be commanded is reported at once,
-and no other vehicle waits for it. It gets its order as soon as it can be commanded again, until all
-vehicles are out or an operator cancels the request. Each order is an event ``OrderGiven`` by that
-operator (``OrderByService``), so that it passes the checks of any order.
+and no other vehicle waits for it. Such a vehicle is ordered as soon as it can be commanded again,
+until all vehicles are out or an operator cancels the request. Each order is an event ``OrderGiven``
+by that operator (``OrderByService``), so that it passes the checks of any order.
 """
 
 import math
@@ -269,7 +269,7 @@ class AirspaceClearing:
             return "not reached", SILENT, self._order_hold(vehicle, progress) if too_long else []
         if progress.silent:
             return "not reached", SILENT, []
-        if lands_by_itself(vehicle):
+        if lands_by_itself(vehicle) or self._airspace.is_led_home(vehicle.name):
             return "on its way", "", []
         return self._order_landing(vehicle, progress, at_s)
 
@@ -281,12 +281,14 @@ class AirspaceClearing:
             progress.ordered_at_s, progress.acknowledged = began_s, False
 
     def _order_landing(self, vehicle: Vehicle, progress: ClearingProgress, at_s: float) -> Phase:
-        """Order a vehicle to land, or to hold if it cannot land."""
+        """Order a vehicle to land, to return above ground first, or to hold if it cannot land."""
         since_s = progress.ordered_at_s
         if since_s is not None and at_s - since_s < AGAIN_S:
             return progress.phase, progress.why, []
         why = self._landings.obstacle(vehicle)
         order: events.Order = "hold" if why else "land"
+        if why and self._airspace.must_be_led_home(vehicle):
+            order, why = "return", ""
         progress.ordered_at_s, progress.acknowledged = at_s, False
         if why and vehicle.ordered == "hold":
             return "not reached", f"it cannot land: {why}; it holds", []

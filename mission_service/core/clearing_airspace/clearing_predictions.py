@@ -37,7 +37,7 @@ class ClearingPredictions:
         self._flights_s: dict[str, float] = {}  # durations of landings that have not begun
 
     def turn(self, vehicle: Vehicle) -> tuple[bool, float, float, str]:
-        """Return the key by which vehicles land: landing already, then the least time on task.
+        """Return the sort key of landings: those begun come first, then the least time on task.
 
         Of vehicles without an estimate of their energy, the nearest to home lands first.
         """
@@ -93,7 +93,7 @@ class ClearingPredictions:
             state.vehicles[name].expected_at_s = end_s if math.isfinite(end_s) else None
 
     def _turn_now(self, name: str) -> tuple[bool, float, int, str]:
-        """Return the key by which waiting vehicles land; those without an order come last."""
+        """Return the sort key of waiting vehicles; those without an order come last."""
         landing = self._vehicles[name].landing_state
         return not landing.active, *landing.turn(name)
 

@@ -67,8 +67,8 @@ def plane_landing_s(
 ) -> float:
     """Return the seconds until a plane that begins its landing mission is disarmed.
 
-    It flies to the loiter of the approach at ``centre_m``, circles down, and glides into the wind.
-    A VTOL flies to home at the height of the approach, and sinks vertically.
+    The plane flies to the loiter of the approach at ``centre_m``, circles down, and glides into the
+    wind. A VTOL flies to home at the height of the approach, and sinks vertically.
     """
     section, availability = vehicle.section, vehicle.availability
     to_approach_s = to_place_s(vehicle, fix, centre_m, wind_m_s)

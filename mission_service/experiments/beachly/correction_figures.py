@@ -35,7 +35,7 @@ def draw(out: Path, studies: list[Study]) -> None:
 
 
 def usual(studies: list[Study]) -> Study:
-    """Return the median study by the share of the error that remains with the Gaussian process."""
+    """Return the study in which the Gaussian process leaves the median share of the error."""
     period = in_period(studies[0].case.at_s)
     left = [
         float(np.nanmean(one.errors_m["gaussian"][period]) / np.nanmean(one.uncorrected_m[period]))

@@ -92,7 +92,7 @@ class Radio:
         self._rng = np.random.default_rng((seed, 1))
         self._in_transit: deque[tuple[float, AnyMessage, list[int]]] = deque()
 
-    def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
+    def transmit(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
         """Send a message from a UAV; ``places_m`` (n, 2) are the positions of all UAVs."""
         receives = self._uavs != sender
         if isinstance(message, State):
@@ -198,7 +198,7 @@ class FormationWorld:
                 self._look(number, agent, at_us)
             self.intentions.append(agent.step(self._own(number, at_us)))
             for message in agent.messages(at_us):
-                self.radio.send(number, message, self.at_s, self.places_m)
+                self.radio.transmit(number, message, self.at_s, self.places_m)
         self._fly()
         self._look_at_safety()
 

@@ -401,7 +401,7 @@ class BurnFlight(Guidance):
             if path is None or vehicle.pending is not None or fix.at_s < vehicle.not_before_s:
                 return []
             items = self.items(vehicle, path, fix)
-            return [self._missions.upload(vehicle, path, items, fix, "fly the line approved")]
+            return [self._missions.upload(vehicle, path, items, fix, "fly the approved line")]
         return self._climb(vehicle, fix)
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:

@@ -49,6 +49,7 @@ from mission_service.guidance.formation.members import Formation
 from mission_service.guidance.formation.order_state import OrderState
 from mission_service.guidance.formation.waiting_places import clear_of_fire_m, waits_at
 from mission_service.guidance.protocol import Guidance
+from mission_service.missions.from_path import mission_along
 from mission_service.missions.orbits import (
     CLIMBS_FIRST_M,
     Circle,
@@ -62,6 +63,7 @@ from mission_service.missions.orbits import (
 )
 from mission_service.peer_messages import AnyMessage
 from mission_service.position_fix import PositionFix
+from mission_service.vehicles.first_climb import with_first_climb
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M, TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -231,7 +233,10 @@ class FormationFlight(Guidance):
         return np.array([(fix.x_m, fix.y_m), place_m])
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """Return the mission to the waiting position at the end of a path."""
+        """Return the mission to the waiting position at the end of a path.
+
+        A path with corners leads around closed airspace; the mission has its corners.
+        """
         section, state = vehicle.section, self._states[vehicle.name]
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         state.sending = circle
@@ -239,10 +244,16 @@ class FormationFlight(Guidance):
             return first_mission(
                 self.landscape, circle, section, vehicle.landing.items_at(fix.at_s)
             )
-        altitude_m = self._altitude(vehicle, circle, fix)
-        return loiter_mission(
-            self.landscape, circle, altitude_m, vehicle.landing.items_at(fix.at_s)
-        )
+        landing = vehicle.landing.items_at(fix.at_s)
+        if len(path_m) > 2:
+            here_m = (fix.x_m, fix.y_m)
+            found = mission_along(
+                path_m, False, section, self.landscape, False, landing, start_m=here_m
+            )
+        else:
+            altitude_m = self._altitude(vehicle, circle, fix)
+            found = loiter_mission(self.landscape, circle, altitude_m, landing)
+        return with_first_climb(found, vehicle, self.landscape, fix)
 
     def _resend_first(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Send the first mission again to an airborne vehicle that rejected it."""

@@ -36,6 +36,7 @@ from mission_service.guidance.team.team_size import CoverageTargets, TeamSizeAdv
 from mission_service.missions.first_mission import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import PositionFix
+from mission_service.vehicles.first_climb import with_first_climb
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -255,16 +256,18 @@ class FrontFlight(Guidance):
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
         """Return the mission along a path, above the missions of vehicles in lower layers."""
-        return mission_along(
+        flies = vehicle.availability.airborne
+        items = mission_along(
             path_m,
             self.planners[vehicle.name].clockwise,
             vehicle.section,
             self.landscape,
-            from_ground=not vehicle.availability.airborne,
+            from_ground=not flies,
             landing=vehicle.landing.items_at(fix.at_s),
             min_at=self.traffic.min_altitudes(vehicle.name),
-            start_m=(fix.x_m, fix.y_m) if vehicle.availability.airborne else None,
+            start_m=(fix.x_m, fix.y_m) if flies else None,
         )
+        return with_first_climb(items, vehicle, self.landscape, fix)
 
 
 def _takes_off(vehicle: Vehicle) -> bool:

@@ -20,7 +20,7 @@ Distances are in cells from the centre, and times in seconds of mission time.
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import WeatherStream
-from firemodel.spread.front_rates import FrontRates
+from firemodel.spread.front_rates import FrontRates, SteadyRates
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, taken_back
 from mission_service.guidance.front.front_estimate_kernels import (
     BASELINE_CELLS,
@@ -100,6 +100,14 @@ class FrontModel:
     averaged: bool = False
 
 
+class View(NamedTuple):
+    """A camera window with the bounds of the front in the window, as of ``bounds_in_window``."""
+
+    window: NDArray[np.uint8]
+    burned_to: Floats
+    unburned_from: Floats
+
+
 def cautious(model: FrontModel) -> FrontModel:
     """Return a model that depends less on wind and slope, and not on the fuel map.
 
@@ -151,9 +159,14 @@ class FrontEstimate:
         self._bearing, self._rows, self._cols = (np.zeros(room, np.int64) for _ in range(3))
         self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
         self._unit = np.zeros(BEARINGS)
+        self._weather = (0, 0.0, 0.0)  # of ``_rates``: weather entry, wind speed and direction
+        self._rates: SteadyRates | None = None
         self._edge = distance_to_edge(shape, centre)
         self._predicted_fuel = self._anchor_fuel
-        self._burned_to, self._unburned_from = np.zeros(BEARINGS), np.zeros(BEARINGS)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes for a snapshot, without the rates, which are computed again."""
+        return {**vars(self), "_rates": None}
 
     @property
     def modelled(self) -> bool:
@@ -251,11 +264,11 @@ class FrontEstimate:
         return self._stretch[:BEARINGS]
 
     def unseen_advance(self) -> Floats:
-        """Return the advance in cells since the last view of each bearing, with a factor of 1."""
+        """Return the modelled advance in cells since the last view of each bearing, uncorrected."""
         return self._unseen
 
     def _model_speed(self) -> Floats:
-        """Return the outward speed in cells/s on each bearing, with a factor of 1."""
+        """Return the modelled outward speed in cells/s on each bearing, without correction."""
         ground = (self._bearing, self._rows, self._cols)
         facing = (self._north, self._east, self._stretch, self._limit)
         centre = (self.centre_row, self.centre_col)
@@ -266,7 +279,11 @@ class FrontEstimate:
         blows_from = math.hypot(north, east), math.degrees(math.atan2(-east, -north)) % 360.0
         bearing, rows, cols = (each[:count] for each in ground)
         north_of, east_of, stretch, limit = (each[:count] for each in facing)
-        rate = self.model.rates.under_wind(rows, cols, north_of, east_of, self.at_s, blows_from)
+        weather = self.model.weather.index_at(self.at_s), *blows_from
+        if self._rates is None or weather != self._weather:
+            self._weather = weather
+            self._rates = self.model.rates.in_wind(self.at_s, blows_from, self._rows.size)
+        rate = self._rates.speeds_m_s(rows, cols, north_of, east_of)
         rate /= self.model.landscape.cell_size_m
         if self.model.averaged:
             rate = np.sqrt(rate * EVEN_CELLS_S)
@@ -280,7 +297,12 @@ class FrontEstimate:
         the window's first element.
         """
         self.advance(at_s)
-        in_view, burned_to = self._front_in(row, col, window)
+        return self.add_bounded_view(self.bounded_view(row, col, window))
+
+    def add_bounded_view(self, view: View) -> Booleans:
+        """Update the front from a view at ``at_s``; return which bearings (360) show the front."""
+        at_s, burned_to = self.at_s, view.burned_to
+        in_view = self._front_in(view)
         before = self.front.copy()
         self._predicted_fuel = self._fuel_at(before)
         new = in_view & np.isinf(self.seen_at_s)
@@ -288,7 +310,7 @@ class FrontEstimate:
         # centre and the prediction.
         off = np.clip(self.front - burned_to, -0.5, 0.5)
         self.front[in_view] = (burned_to + np.where(new, 0.0, 0.5 * off))[in_view]
-        self._bound(window, in_view)
+        self._bound(view, in_view)
         if new.any():
             self._scale_unseen(np.flatnonzero(new), before)
         self.seen_at_s[in_view] = at_s
@@ -303,9 +325,10 @@ class FrontEstimate:
         not_burned, still_burned = taken_back(row, col, window, centre, self.burned)
         self.burned[not_burned] = still_burned[not_burned]
         self.front[not_burned] = np.minimum(self.front[not_burned], still_burned[not_burned] + 0.5)
-        in_view, burned_to = self._front_in(row, col, window)
-        self.front[in_view] = burned_to[in_view]
-        self._bound(window, in_view)
+        view = self.bounded_view(row, col, window)
+        in_view = self._front_in(view)
+        self.front[in_view] = view.burned_to[in_view]
+        self._bound(view, in_view)
         self.seen_at_s[in_view] = at_s
         moved = in_view | not_burned
         self._unseen[moved] = self._modelled[moved] = 0.0
@@ -313,18 +336,23 @@ class FrontEstimate:
         self._anchor_at_s[moved] = at_s
         self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
 
-    def _front_in(self, row: int, col: int, window: NDArray[np.uint8]) -> tuple[Booleans, Floats]:
-        """Update the bounds from a window; return which bearings show the front and where."""
-        bounds = (self._burned_to, self._unburned_from)
-        centre, in_view = (self.centre_row, self.centre_col), np.empty(BEARINGS, np.bool_)
-        bounds_in_window(window, row, col, *centre, NORTH, EAST, *bounds)
-        bearings_in_view(*bounds, self.burned, in_view)
-        return in_view, self._burned_to
+    def bounded_view(self, row: int, col: int, window: NDArray[np.uint8]) -> View:
+        """Return the bounds of the front in a window, from the centre of this estimate."""
+        view = View(window, np.empty(BEARINGS), np.empty(BEARINGS))
+        centre = (self.centre_row, self.centre_col)
+        bounds_in_window(window, row, col, *centre, NORTH, EAST, view.burned_to, view.unburned_from)
+        return view
 
-    def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
+    def _front_in(self, view: View) -> Booleans:
+        """Update ``burned`` from a view; return which bearings show the front."""
+        in_view = np.empty(BEARINGS, np.bool_)
+        bearings_in_view(view.burned_to, view.unburned_from, self.burned, in_view)
+        return in_view
+
+    def _bound(self, view: View, in_view: Booleans) -> None:
         """Move the front to enclose the burned ground in view and exclude the unburned ground."""
-        bounds = (self._burned_to, self._unburned_from)
-        bound_front(window, in_view, *bounds, self.burned, self.front)
+        bounds = (view.burned_to, view.unburned_from)
+        bound_front(view.window, in_view, *bounds, self.burned, self.front)
 
     def _scale_unseen(self, new: Integers, before: Floats) -> None:
         """Scale the unseen parts of the front after other parts have been seen for the first time.

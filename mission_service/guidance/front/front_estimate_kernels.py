@@ -30,6 +30,10 @@ CELL_VARIANCE = 1.0 / 12.0  # variance of a position with a resolution of one ce
 # Relative error of the advance from the ignition to the first view, when the wind is unknown.
 UNLIKE_AT_FIRST = 1.0
 AT_IGNITION_CELLS = 1.0  # maximum distance of the front from the centre at the ignition
+COSINES, SINES = (
+    np.array([function(degrees * (math.pi / 180.0)) for degrees in range(360)])
+    for function in (math.cos, math.sin)
+)
 SURPRISE = 3.0  # larger differences, in standard deviations, have a smaller weight
 
 
@@ -39,9 +43,9 @@ def front_normals(  # type: ignore[no-untyped-def]
 ):
     """Compute the front's normals and the cells behind the front, in arrays of ``PLACES`` * 360.
 
-    The arrays begin with one place for each bearing. Two more places follow for each bearing on
-    which the front is hollow, one with the slant on each side. Wherever the front leaps outwards
-    from one bearing to the next, three more places follow on the flank between these bearings.
+    The arrays begin with one place for each bearing. For each bearing on which the front is hollow,
+    two more places follow, with the slants of the two sides. Wherever the front leaps outwards from
+    one bearing to the next, three more places follow on the flank between these bearings.
     ``stretch`` is the speed along the bearing divided by the speed normal to the front, and
     ``max_advance`` limits the advance along the bearing. Returns the number of places.
     """
@@ -50,13 +54,15 @@ def front_normals(  # type: ignore[no-untyped-def]
     for i in range(n):
         r = max(front[i], 0.5)
         w = min(max(round(TANGENT_CELLS / (r * degree)), 2), 15)
-        forward = (front[(i + w) % n] - front[i]) / (w * degree * r)
-        backward = (front[i] - front[(i - w) % n]) / (w * degree * r)
-        to_next, to_last = front[(i + 1) % n] - front[i], front[(i - 1) % n] - front[i]
+        # Negative indices count from the end. A remainder would take longer.
+        ahead, following = i + w - (n if i + w >= n else 0), i + 1 if i + 1 < n else 0
+        forward = (front[ahead] - front[i]) / (w * degree * r)
+        backward = (front[i] - front[i - w]) / (w * degree * r)
+        to_next, to_last = front[following] - front[i], front[i - 1] - front[i]
         hollow = forward - backward > HOLLOW
         leaps_on = to_next - max(-to_last, 0.0) > LEAP_CELLS
         leaps_back = to_last - max(-to_next, 0.0) > LEAP_CELLS
-        cos, sin = math.cos(i * degree), math.sin(i * degree)
+        cos, sin = COSINES[i], SINES[i]
         for kind in range(9 if hollow or leaps_on or leaps_back else 1):
             far, limit, cap = r, np.inf, STEEPEST
             cos_there, sin_there = cos, sin

@@ -97,9 +97,10 @@ class FrontMixture:
             estimate.advance(at_s)
         predicted = np.stack([self.modelled.front, self._mixed()[0]])
         unseen_s = at_s - self.modelled.seen_at_s
-        in_view = self.modelled.add_window(row, col, window, at_s)
+        view = self.modelled.bounded_view(row, col, window)  # both estimates have the same centre
+        in_view = self.modelled.add_bounded_view(view)
         if self._cautious is not None:
-            self._cautious.add_window(row, col, window, at_s)
+            self._cautious.add_bounded_view(view)
         seen = self.modelled.front[in_view]
         again = ((unseen_s > AGAIN_S) & np.isfinite(unseen_s))[in_view]
         self._last_seen[in_view] = seen

@@ -4,6 +4,7 @@ All planners use these functions, which need only the on-board map. Positions ar
 of the landscape's grid, as floats. ``clockwise`` is the flying direction around the fire.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -42,9 +43,8 @@ class PolarMap(Protocol):
 
 def bearing_deg(fire_map: PolarMap, row: float, col: float) -> float:
     """Return the bearing of a position from the map's centre, in degrees clockwise from north."""
-    return float(
-        np.rad2deg(np.arctan2(col - fire_map.centre_col, fire_map.centre_row - row)) % 360.0
-    )
+    angle_rad = float(np.arctan2(col - fire_map.centre_col, fire_map.centre_row - row))
+    return math.degrees(angle_rad) % 360.0
 
 
 def turned_deg(from_deg: float, to_deg: float, clockwise: bool) -> float:

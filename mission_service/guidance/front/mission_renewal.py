@@ -100,8 +100,7 @@ class Renewal:
         share = 1.0 if vehicle.name in self._corrected else COMPARED_SHARE
         self._corrected.discard(vehicle.name)
         near = path_m[along <= share * horizon_m]
-        off_m = float(shapely.distance(shapely.points(near), line).max())
-        if off_m > self._settings.path_tolerance_m:
+        if not shapely.dwithin(shapely.points(near), line, self._settings.path_tolerance_m).all():
             return "the front has left the mission's path"
         left_m = line.length - line.project(shapely.Point(fix.x_m, fix.y_m))
         if left_m < LEFT_SHARE * horizon_m:

@@ -37,8 +37,6 @@ from mission_service.guidance.team.patterns import (
     after_turn,
     best_pattern,
     even_delays,
-    in_cells,
-    in_nodes,
     on_new_ring,
     plan_on_arc,
     settled_cost,
@@ -153,6 +151,9 @@ class Balanced:
         scale, power = self._integral(rates, self._counts)
         unseen = np.zeros(self._step_m.size)
         self._nodes = Nodes(self._step_m, scale, power, self._linear, unseen, self._stride)
+        # A pattern on nodes of several cells would begin and end up to a node beside the arc.
+        scale, power = self._integral(ring.spread_rate_m_s, np.ones(size))
+        self._cells = Nodes(np.array(ring.step_m), scale, power, self._linear, np.zeros(size), 1)
 
     def _integral(self, rate_sum: Floats, cells: Floats | Integers) -> tuple[Floats, Floats]:
         """Return the scale and the power of each node's integral of importance.
@@ -177,15 +178,14 @@ class Balanced:
     def _choose_pattern(self, fleet: ActiveFleet, at_s: float) -> None:
         """Replace the pattern and all plans if another pattern is better by a margin."""
         team = fleet.member.size, float(fleet.speed_m_s.mean()), self._turn_s
-        present = in_nodes(self._pattern, self._stride)
-        cost = settled_cost(present, self._nodes, *team)
-        best = best_pattern(self._nodes, *team)
-        lapping = settled_cost(LAPS, self._nodes, *team)
+        cost = settled_cost(self._pattern, self._cells, *team)
+        best = best_pattern(self._cells, *team)
+        lapping = settled_cost(LAPS, self._cells, *team)
         growth = self._growth(at_s)
         self._grows_fast = growth > (MIN_GROWTH if self._grows_fast else MAX_GROWTH)
         if self._grows_fast or best.cost > (1.0 - PATTERN_MARGIN) * lapping:
             best = Choice(LAPS, lapping)
-        wanted = in_cells(best.pattern, self._stride)
+        wanted = best.pattern
         if wanted.length and wanted.kind == self._pattern.kind:
             # The arc follows the front: a vehicle uses the new arc from its next turn on.
             self._pattern = wanted

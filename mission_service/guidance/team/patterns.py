@@ -16,11 +16,11 @@ from mission_service.guidance.team.lookahead import LEGS, Integers, Nodes
 
 MAX_RETURNS = 4  # a plan of LEGS legs has room for two laps with this number of returns
 ARC_SHARES = 2.0 ** np.arange(-7.5, -0.9, 0.5)  # lengths of the first arcs to try, in laps
-STEPS = (8, 4, 2, 1)  # numbers of nodes by which the ends of an arc are then moved
+STEPS = (8, 4, 2, 1)  # numbers of cells by which the ends of an arc are then moved
 
 
 class Pattern(NamedTuple):
-    """An arc of the ring, and how vehicles serve the arc; places are cells, or nodes in a search.
+    """An arc of the ring, and how vehicles serve the arc; places are cells.
 
     The arc reaches from ``first`` to ``first + length``, both included. ``sweeping`` is the number
     of vehicles that sweep the arc. If no vehicle sweeps the arc, all vehicles fly back and forth on
@@ -100,8 +100,8 @@ def settled_cost(pattern, nodes, vehicles, speed_m_s, turn_s):  # type: ignore[n
     """Return the mean over time of all nodes' importance, for a pattern with even spacing.
 
     Args:
-        pattern: The pattern, in nodes.
-        nodes: The ring.
+        pattern: The pattern.
+        nodes: The ring, with one node for each cell.
         vehicles: The number of vehicles.
         speed_m_s: The mean speed of the vehicles.
         turn_s: The duration of a turn back.
@@ -140,7 +140,7 @@ def settled_cost(pattern, nodes, vehicles, speed_m_s, turn_s):  # type: ignore[n
 
 
 def best_pattern(nodes: Nodes, vehicles: int, speed_m_s: float, turn_s: float) -> Choice:
-    """Return the pattern with an arc that costs least with even spacing; places are nodes.
+    """Return the pattern with an arc that costs least with even spacing.
 
     The search begins with the fastest arc of each length in ``ARC_SHARES``, for each kind of
     pattern, and then moves both ends of the best arc of each kind.
@@ -167,7 +167,7 @@ def best_pattern(nodes: Nodes, vehicles: int, speed_m_s: float, turn_s: float) -
 
 
 def _with_ends_moved(best: Choice, step: int, size: int, choice):  # type: ignore[no-untyped-def]
-    """Move the ends of an arc by ``step`` nodes as long as the cost falls."""
+    """Move the ends of an arc by ``step`` cells as long as the cost falls."""
     while True:
         first, length, *kind = best.pattern
         moved = [
@@ -225,18 +225,6 @@ def even_delays(ends: Integers, period: int) -> Integers:
     even = rank * period // ends.size
     delays: Integers = even - place - (even - place).min()
     return delays
-
-
-def in_nodes(pattern: Pattern, stride: int) -> Pattern:
-    """Return a pattern of cells as a pattern of nodes with ``stride`` cells each."""
-    first, length, *kind = pattern
-    return Pattern(first // stride, min(length, max(length // stride, 1)), *kind)
-
-
-def in_cells(pattern: Pattern, stride: int) -> Pattern:
-    """Return a pattern of nodes with ``stride`` cells each as a pattern of cells."""
-    first, length, *kind = pattern
-    return Pattern(first * stride, length * stride, *kind)
 
 
 def on_new_ring(pattern: Pattern, onward: Integers, size: int) -> Pattern:

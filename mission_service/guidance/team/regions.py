@@ -86,8 +86,8 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 def served(regions: Regions, index: int) -> tuple[int, int]:
     """Return the start and the end of the cells that a vehicle serves.
 
-    Start and end are unwrapped cell indices; the end is excluded. Both follow from the states that
-    the vehicle stores of the two borders of its region.
+    Start and end are unwrapped cell indices; the end is excluded. The indices follow from the
+    states that the vehicle stores of the two borders of its region.
     """
     after = (index + 1) % len(regions.borders)
     end = regions.borders[after].left.place + (0 if after else regions.cells)
@@ -150,7 +150,7 @@ def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
 
 
 def with_message(regions: Regions, index: int, message: BorderMessage, *, left: bool) -> Regions:
-    """Return the regions after the left or the right vehicle of a border has got a message."""
+    """Return the regions after the left or the right vehicle of a border has received a message."""
     border = regions.borders[index]
     side = border.left if left else border.right
     if message.epoch != regions.epoch or message.version <= side.version:

@@ -1,4 +1,4 @@
-"""Defines the routes of the journal: its segments, and the products made from it."""
+"""Defines the routes of the journal: its segments, photos, and the products made from it."""
 
 import asyncio
 import os
@@ -8,18 +8,24 @@ from functools import partial
 from typing import Annotated, BinaryIO
 
 import msgspec
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import AwareDatetime
 from starlette.responses import StreamingResponse
 
 from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.journal_lines import JournalLines
-from mission_service.interfaces.api.openapi import V1, file, route
-from mission_service.interfaces.api.responses import ApiError
+from mission_service.interfaces.api.openapi import V1, file, json, route
+from mission_service.interfaces.api.responses import (
+    MAX_PERIMETER_BYTES,
+    ApiError,
+    answer,
+    body_of,
+)
 from mission_service.interfaces.maps.products_worker import ProductsJob
 from mission_service.interfaces.maps.worker_run import worker_output
 from mission_service.journal.journal_file import segment_path
 from mission_service.sensors.worker_process import command_of, end_of
+from mission_service.uploaded_photos import MEDIA_TYPES, PhotoError, photo_path, store_photo
 
 LINES, ZIP = "application/x-ndjson", "application/zip"
 WORKER = command_of("mission_service.interfaces.maps.products_worker")
@@ -39,8 +45,9 @@ TimeZero = Annotated[
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add ``/journal``, ``/journal/file`` and ``/products.zip``."""
+    """Add ``/journal``, ``/journal/file``, ``/photos`` and ``/products.zip``."""
     journal = JournalLines()
+    _add_photos(routes, api)
     lines = {LINES: {"schema": {"type": "string"}, "example": '{"event":{},"crc":"00c0ffee"}\n'}}
 
     @routes.get(
@@ -105,6 +112,43 @@ def add(routes: APIRouter, api: ApiContext) -> None:
             content = await _made_in_process(job)
         headers = {"content-disposition": 'attachment; filename="products.zip"'}
         return Response(content, headers=headers, media_type=ZIP)
+
+
+def _add_photos(routes: APIRouter, api: ApiContext) -> None:
+    """Add the routes that store and return photos of notes."""
+    media = {media: file(media)[media] for media in MEDIA_TYPES.values()}
+    storing = asyncio.Lock()
+
+    @routes.post(
+        f"{V1}/photos",
+        **route(
+            "correct",
+            "Store a photo (JPEG, PNG or WebP, 10 MB) beside the journal; its name is the key "
+            "`photo` of a note.",
+            json({"photo": f"{'0' * 64}.jpg"}),
+            media,
+        ),
+    )
+    async def add_photo(request: Request) -> Response:
+        if api.context.replay is not None:
+            raise ApiError(409, "a replay stores no photos")
+        data = await body_of(request, MAX_PERIMETER_BYTES)
+        try:
+            async with storing:
+                name = await api.run_in_thread(partial(store_photo, api.context.out, data))
+        except PhotoError as error:
+            raise ApiError(422, str(error)) from None
+        except OSError as error:
+            raise ApiError(507, f"the photo cannot be stored: {error}") from None
+        return answer({"photo": name})
+
+    @routes.get(f"{V1}/photos/{{name}}", **route("look", "A photo of a note.", media))
+    async def photo(name: str) -> Response:
+        path = photo_path(api.context.out, name)
+        if path is None:
+            raise ApiError(404, f"no photo {name!r}"[:120])
+        content = await api.run_in_thread(path.read_bytes)
+        return Response(content, media_type=MEDIA_TYPES[path.suffix[1:]])
 
 
 async def _made_in_process(job: ProductsJob) -> bytes:

@@ -66,8 +66,8 @@ class RequiredRole:
 async def refuse_unknown_query(request: Request) -> None:
     """Raise ApiError 422 for a parameter in the query string that the route does not have.
 
-    The same for a parameter with several values, such as ``preview=true&preview=false``, of which
-    the route uses one.
+    A parameter that is given more than once, such as ``preview=true&preview=false``, is refused
+    too, because the route would use only one of its values.
 
     The guard has already carried out an abort, so an abort is accepted with any parameter.
     """

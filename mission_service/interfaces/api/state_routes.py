@@ -140,8 +140,8 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/abort",
         **route(
             "look",
-            "Abort: all vehicles stop. Accepted with any valid token, as soon as its headers "
-            "arrive.",
+            "Abort: all vehicles stop. Any valid token suffices. The service acts when the headers "
+            "have arrived.",
             struct(RequestResult, {**examples.ACCEPTED, "event": "Aborted"}),
         ),
     )

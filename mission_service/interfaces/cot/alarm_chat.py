@@ -9,14 +9,24 @@ from mission_service.runtime.published_states import Alarm
 
 MAX_A_ROUND = 10
 UNSURE_US = 15_000_000  # a message sent this soon before a loss of the connection is sent again
+REPEAT_US = 60_000_000  # after a loss, other clients of the server may take this long to reconnect
 
 Level = Literal["none", "severe", "all"]
 
 
-class _Sent(NamedTuple):
-    text: str
-    sent_us: int
-    is_lost: bool = False  # the connection may have lost the message
+class _Message(NamedTuple):
+    """The latest message about an alarm."""
+
+    alarm: Alarm
+    number: int = 0  # index among the messages about the alarm; 0 for its beginning
+    is_end: bool = False
+    sent_us: int = 0  # monotonic; 0 before sending
+    is_lost: bool = False  # some clients may not have received the message
+
+    @property
+    def line(self) -> str:
+        """The text of the message."""
+        return f"{'End of the alarm:' if self.is_end else 'ALARM'} {self.alarm.text}"
 
 
 class AlarmChat:
@@ -28,43 +38,81 @@ class AlarmChat:
     def __init__(self, level: Level, site: str) -> None:
         """Send the alarms of a level: no alarms, severe ones, or all."""
         self._level, self._site = level, site
-        self._shown: dict[str, _Sent] = {}  # by key of the alarm
-        self._pending: dict[bytes, tuple[str, str | None]] = {}
+        self._latest: dict[str, _Message] = {}  # by key of the alarm
+        self._pending: dict[bytes, _Message] = {}
+        self._repeat_since_us: int | None = None  # later messages are repeated
+        self._repeat_at_us: int | None = None
 
     def messages(self, alarms: Iterable[Alarm], unix_us: int) -> list[bytes]:
         """Return the events to send now, at most ``MAX_A_ROUND``; call ``mark_sent`` for each."""
         self._pending.clear()
-        for key, text, line in self._changes(alarms):
+        for each in self._changes(alarms):
             if len(self._pending) == MAX_A_ROUND:
                 break
-            number = hashlib.sha256(f"{key} {line}".encode()).hexdigest()[:16]
-            self._pending[chat_event(line, self._site, number, unix_us)] = (key, text)
+            about = f"{each.alarm.alarm} {each.alarm.at_us} {each.number} {each.line}"
+            message_id = hashlib.sha256(about.encode()).hexdigest()[:16]
+            self._pending[chat_event(each.line, self._site, message_id, unix_us)] = each
         return list(self._pending)
 
     def mark_sent(self, message: bytes, now_us: int) -> None:
         """Mark a message as sent; ``now_us`` is a monotonic clock."""
-        key, text = self._pending[message]
-        if text is None:
-            del self._shown[key]
-        else:
-            self._shown[key] = _Sent(text, now_us)
+        sent = self._pending[message]
+        self._latest[sent.alarm.alarm] = sent._replace(sent_us=now_us, is_lost=False)
 
-    def connection_lost(self, now_us: int) -> None:
-        """Mark the latest messages as not sent, because the connection may have lost them."""
-        for key, each in list(self._shown.items()):
-            if now_us - each.sent_us < UNSURE_US:
-                self._shown[key] = each._replace(is_lost=True)
+    def connection_lost(self, alive_us: int) -> None:
+        """Mark as lost all messages sent later than ``UNSURE_US`` before ``alive_us``.
 
-    def _changes(self, alarms: Iterable[Alarm]) -> Iterator[tuple[str, str | None, str]]:
-        """Yield key, text (None at the end) and chat line of each alarm that has changed."""
+        ``alive_us`` (monotonic) is the last time at which the connection worked. The messages are
+        sent on the next connection, and once more ``REPEAT_US`` after it.
+        """
+        since_us = alive_us - UNSURE_US
+        self._mark_lost(since_us)
+        if self._repeat_since_us is None:
+            self._repeat_since_us = since_us
+        self._repeat_at_us = None
+
+    def connected(self, now_us: int) -> None:
+        """Plan the repetition of messages, because other clients may reconnect later."""
+        if self._repeat_since_us is not None:
+            self._repeat_at_us = now_us + REPEAT_US
+
+    def handle_timer(self, now_us: int) -> None:
+        """Mark messages as lost when their repetition is due; delete old messages of ends.
+
+        ``now_us`` is monotonic.
+        """
+        if self._repeat_since_us is None:
+            old_us = now_us - UNSURE_US
+            for key, each in list(self._latest.items()):
+                if each.is_end and not each.is_lost and each.sent_us < old_us:
+                    del self._latest[key]
+        elif self._repeat_at_us is not None and now_us >= self._repeat_at_us:
+            self._mark_lost(self._repeat_since_us)
+            self._repeat_since_us = self._repeat_at_us = None
+
+    def _mark_lost(self, since_us: int) -> None:
+        for key, each in self._latest.items():
+            if each.sent_us > since_us:
+                self._latest[key] = each._replace(is_lost=True)
+
+    def _changes(self, alarms: Iterable[Alarm]) -> Iterator[_Message]:
+        """Yield the next message about each alarm with a change or a lost message."""
         active = {each.alarm: each for each in alarms if self._is_sent(each)}
         for key, alarm in active.items():
-            before = self._shown.get(key)
-            if before is None or before.is_lost or before.text != alarm.text:
-                yield key, alarm.text, f"ALARM {alarm.text}"
-        for key, before in self._shown.items():
-            if key not in active:
-                yield key, None, f"End of the alarm: {before.text}"
+            before = self._latest.get(key)
+            if before is None or before.alarm.at_us != alarm.at_us:
+                yield _Message(alarm)
+            elif before.is_end or before.alarm.text != alarm.text:
+                yield _Message(alarm, before.number + 1)
+            elif before.is_lost:
+                yield before
+        for key, before in self._latest.items():
+            if key in active:
+                continue
+            if not before.is_end:
+                yield before._replace(number=before.number + 1, is_end=True)
+            elif before.is_lost:
+                yield before
 
     def _is_sent(self, alarm: Alarm) -> bool:
         return self._level == "all" or (self._level == "severe" and alarm.severity == "severe")

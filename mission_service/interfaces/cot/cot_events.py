@@ -9,6 +9,7 @@ difference, up to 100 m, is not available, so ``hae`` is sent as unknown and the
 heights.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple
@@ -21,14 +22,15 @@ from mission_service.runtime.published_states import MissionState, TelemetryStat
 
 # Friendly drones: fixed wing (also VTOLs), rotary wing.
 TYPES = {"plane": "a-f-A-M-F-Q", "vtol": "a-f-A-M-F-Q", "copter": "a-f-A-M-H-Q"}
-DRAWN, CHAT = "u-d-f", "b-t-f"
+DRAWN, CHAT, PING = "u-d-f", "b-t-f", "t-x-c-t"
+PONG = re.compile(rb"type=[\"']t-x-c-t-r[\"']")  # an answer to a ping
 # Source of a position: measured; simulated or computed; typed by a person.
 MACHINE_GPS, MADE_UP, TYPED = "m-g", "m-s", "h-g-i-g-o"
 UNKNOWN_M = "9999999.0"
 POSITION_ERROR_M = "10.0"
 MAX_CORNERS = 250  # an event must fit into one datagram
 MAX_AREAS, MAX_FORECAST_AREAS = 20, 5
-CHAT_STALE_US = 86_400_000_000
+CHAT_STALE_US, PING_STALE_US = 86_400_000_000, 20_000_000
 RED, FAINT_RED = "-65536", "1090453504"  # ARGB as a signed integer
 ORANGE, BLUE = "-29696", "-16744193"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -118,6 +120,13 @@ def chat_event(text: str, site: str, message_id: str, unix_us: int) -> bytes:
     ElementTree.SubElement(detail, "link", uid=sender, type="a-f-G-I-U-T", relation="p-p")
     remarks = {"source": f"BAO.F.ATAK.{sender}", "to": room, "time": zulu(unix_us)}
     ElementTree.SubElement(detail, "remarks", remarks).text = text
+    return ElementTree.tostring(event)
+
+
+def ping_event(unix_us: int) -> bytes:
+    """Return a ping, which TAK servers answer and do not pass on."""
+    event = _event("mission-service-ping", PING, MACHINE_GPS, unix_us, PING_STALE_US)
+    _point(event, 0.0, 0.0)
     return ElementTree.tostring(event)
 
 

@@ -2,16 +2,17 @@
 
 The run never waits for a receiver. Each round sends the current state and drops events that cannot
 be sent. Events that arrive on the connection are processed as reports of people
-(``report_receiver.py``), or are dropped without ``[service.cot.reports]``.
+(``event_receiver.py``), or are dropped without ``[service.cot.reports]`` and
+``[service.cot.people]``.
 """
 
 import asyncio
 import itertools
 import socket
-import ssl
 from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
+from firemodel.errors import FireModelError
 from mission_service.config.mqtt_names import site_of
 from mission_service.config.service_section import CotSection
 from mission_service.errors import MissionServiceError
@@ -29,8 +30,8 @@ from mission_service.interfaces.cot.tak_connections import (
     Datagrams,
     Stream,
 )
+from mission_service.interfaces.cot.tak_endpoint import endpoint_of
 from mission_service.interfaces.maps.run_fronts import expected_fronts, front_now
-from mission_service.interfaces.mqtt.broker_connection import tls_of
 from mission_service.runtime.clocks import clock_us, wall_us
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 FIRE_EVERY = 10  # front and missions are sent once in this many rounds
 FORECAST_EVERY, FORECAST_MIN = 60, (30.0, 60.0)
 ROUNDS_UNTIL_STALE = 3
-MIN_WAIT_S, MAX_WAIT_S = 1.0, 30.0
+MIN_WAIT_S, MAX_WAIT_S = 1.0, 8.0
 ALARM = "cot"
 
 
@@ -50,7 +51,7 @@ def cot_interface(
 
     Raises MissionServiceError for unusable settings.
     """
-    _tls(settings)
+    endpoint_of(settings)
 
     async def run_interface(context: "RunContext") -> None:
         await CotSender(context, settings, site_of(scenario_name)).run()
@@ -58,21 +59,15 @@ def cot_interface(
     return run_interface
 
 
-def _tls(settings: CotSection) -> ssl.SSLContext | None:
-    """Return the TLS context of a connection. Raises MissionServiceError for unusable files."""
-    if settings.scheme != "tls":
-        return None
-    return tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
-
-
 class CotSender:
     """The sender of one run's events, which also makes the receiver of events."""
 
     def __init__(self, context: "RunContext", settings: CotSection, site: str) -> None:
         self._context, self._settings, self._site = context, settings, site
+        self._url = settings.url  # of the latest attempt to connect
         self._sent: dict[str, int] = {}  # last version sent, by vehicle
         self._chat = AlarmChat(settings.chat, site)
-        self._forecast: asyncio.Task[list[dict[str, Any]]] | None = None
+        self._shapes: dict[str, asyncio.Task[list[bytes]]] = {}  # by name, until they are sent
         self._receiver: EventReceiver | None = None
         if settings.reports is not None or settings.people is not None:
             self._receiver = EventReceiver(context, settings, site)
@@ -88,52 +83,58 @@ class CotSender:
                 try:
                     async with asyncio.timeout(ANSWER_S):
                         transport = await self._connect()
+                    self._chat.connected(clock_us())
                     try:
                         await self._rounds(transport)
                     finally:
+                        self._chat.connection_lost(transport.alive_us())
                         transport.close()
-                        self._chat.connection_lost(clock_us())
                         wait_s = MIN_WAIT_S
-                except (OSError, TimeoutError, MissionServiceError) as error:
-                    text = f"no CoT to {self._settings.url}: {str(error) or 'no response'}"
+                except (OSError, TimeoutError, UnicodeError, MissionServiceError) as error:
+                    text = f"no CoT to {self._url}: {str(error) or 'no response'}"
                     self._context.state_view.alarm(ALARM, text)
                     self._context.ring()
                 await asyncio.sleep(wait_s)
                 wait_s = min(2.0 * wait_s, MAX_WAIT_S)
         finally:
-            if self._forecast is not None:
-                self._forecast.cancel()
+            for work in self._shapes.values():
+                work.cancel()
 
     async def _connect(self) -> CotTransport:
-        """Connect. Raises OSError, TimeoutError or MissionServiceError.
+        """Connect. Raises OSError, TimeoutError, MissionServiceError, or UnicodeError for a host.
 
         The certificates are read again, because they may have been replaced.
         """
-        host, port = self._settings.host, self._settings.port
-        if self._settings.scheme != "udp":
-            reader, writer = await asyncio.open_connection(host, port, ssl=_tls(self._settings))
+        endpoint = await asyncio.to_thread(endpoint_of, self._settings)
+        self._url = endpoint.url
+        if endpoint.scheme != "udp":
+            name = self._settings.tls_server_name if endpoint.tls is not None else None
+            reader, writer = await asyncio.open_connection(
+                endpoint.host, endpoint.port, ssl=endpoint.tls, server_hostname=name
+            )
             return Stream(reader, writer, self._receiver)
         loop = asyncio.get_running_loop()
-        addresses = await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        addresses = await loop.getaddrinfo(endpoint.host, endpoint.port, type=socket.SOCK_DGRAM)
         family, _, _, _, address = addresses[0]
         return Datagrams(address, family, self._receiver)
 
     async def _rounds(self, transport: CotTransport) -> None:
         """Send rounds of events. Raises OSError or TimeoutError when the transport fails."""
         stale_us = round(ROUNDS_UNTIL_STALE * self._settings.every_s * 1e6)
+        self._shapes = {name: work for name, work in self._shapes.items() if not work.done()}
         for number in itertools.count():
             await self._send_vehicles(transport, stale_us)
+            await self._send_chat(transport)
             if number % FIRE_EVERY == 0:
-                await self._send_fire(transport, FIRE_EVERY * stale_us)
                 await self._send_missions(transport, FIRE_EVERY * stale_us)
-            await self._send_forecast(transport, number, FORECAST_EVERY * stale_us)
-            for message in self._chat.messages(self._context.state_view.alarms.values(), wall_us()):
-                await transport.send(message)
-                self._chat.mark_sent(message, clock_us())
+                self._begin("fire", self._fire, FIRE_EVERY * stale_us)
+            if number % FORECAST_EVERY == 0:
+                self._begin("forecast", self._forecast, FORECAST_EVERY * stale_us)
+            await self._send_shapes(transport)
             self._context.state_view.clear_alarm(ALARM)
             if self._receiver is not None:
                 self._receiver.handle_timer()
-            await asyncio.sleep(self._settings.every_s)
+            await transport.wait(self._settings.every_s)
 
     async def _send_vehicles(self, transport: CotTransport, stale_us: int) -> None:
         """Send positions that are new since the last round; receivers mark the others as stale."""
@@ -143,26 +144,42 @@ class CotSender:
             if version > self._sent.get(name, 0):
                 self._sent[name] = version
                 kind = state_view.vehicles[name].kind
-                await transport.send(vehicle_event(fix, kind, self._site, wall_us(), stale_us))
+                await transport.send_event(
+                    vehicle_event(fix, kind, self._site, wall_us(), stale_us)
+                )
 
-    async def _send_fire(self, transport: CotTransport, stale_us: int) -> None:
-        front = await front_now(self._context)
-        for event in fire_events(front, self._site, wall_us(), stale_us):
-            await transport.send(event)
+    async def _send_chat(self, transport: CotTransport) -> None:
+        self._chat.handle_timer(clock_us())
+        for message in self._chat.messages(self._context.state_view.alarms.values(), wall_us()):
+            await transport.send_event(message)
+            self._chat.mark_sent(message, clock_us())
 
     async def _send_missions(self, transport: CotTransport, stale_us: int) -> None:
         for mission in list(self._context.state_view.missions.values()):
             event = mission_event(mission, self._site, wall_us(), stale_us)
             if event is not None:
-                await transport.send(event)
+                await transport.send_event(event)
 
-    async def _send_forecast(self, transport: CotTransport, number: int, stale_us: int) -> None:
-        """Begin a forecast every ``FORECAST_EVERY`` rounds; send it in the round after its end."""
-        if number % FORECAST_EVERY == 0 and self._forecast is None:
-            work = expected_fronts(self._context, FORECAST_MIN)
-            self._forecast = asyncio.create_task(work)
-        if self._forecast is None or not self._forecast.done():
-            return
-        done, self._forecast = self._forecast, None
-        for event in forecast_events(done.result(), self._site, wall_us(), stale_us):
-            await transport.send(event)
+    def _begin(
+        self, name: str, shapes: Callable[[int], Coroutine[Any, Any, list[bytes]]], stale_us: int
+    ) -> None:
+        """Begin to compute shapes for a later round, unless the last ones have not been sent."""
+        if name not in self._shapes:
+            self._shapes[name] = asyncio.create_task(shapes(stale_us))
+
+    async def _send_shapes(self, transport: CotTransport) -> None:
+        """Send the shapes that are complete."""
+        for name in [name for name, work in self._shapes.items() if work.done()]:
+            work = self._shapes.pop(name)
+            for event in work.result():
+                await transport.send_event(event)
+
+    async def _fire(self, stale_us: int) -> list[bytes]:
+        return list(fire_events(await front_now(self._context), self._site, wall_us(), stale_us))
+
+    async def _forecast(self, stale_us: int) -> list[bytes]:
+        try:
+            fronts = await expected_fronts(self._context, FORECAST_MIN)
+        except FireModelError:
+            return []  # the last forecast becomes stale
+        return list(forecast_events(fronts, self._site, wall_us(), stale_us))

@@ -233,13 +233,13 @@ def _ellipse(centre: LatLon, detail: Element) -> tuple[LatLon, ...]:
 
 
 def place_of(event: CotEvent) -> LatLon:
-    """Return the position of an event. Raises CotEventError if it is not on the Earth."""
+    """Return the position of an event. Raises CotEventError for a position not on the Earth."""
     point = _child(event.root, "point")
     return _in_degrees(point.get("lat", ""), point.get("lon", ""))
 
 
 def _in_degrees(lat: str | float = "", lon: str | float = "") -> LatLon:
-    """Return a position in degrees. Raises CotEventError if it is not on the Earth."""
+    """Return a position in degrees. Raises CotEventError for a position not on the Earth."""
     try:
         lat_deg, lon_deg = float(lat), float(lon)
     except ValueError:

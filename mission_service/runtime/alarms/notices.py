@@ -75,7 +75,7 @@ class Notices:
             self.clear_alarm(key)
 
     def announce(self, vehicle: str, text: str, level: str = "info") -> None:
-        """Add an announcement to the operators."""
+        """Add an announcement for the operators."""
         self.announcement_id = self.version + 1  # the id is also the version of the change
         self.announcement_count += 1
         self.announcements.append(
@@ -96,6 +96,7 @@ class Notices:
         line = Record(self.version, self.at_us, vehicle, level, text, kind)
         if note is not None:
             line.note, line.lat_deg, line.lon_deg = note.text, note.lat_deg, note.lon_deg
+            line.photo = note.photo
         self.records.append(line)
 
     def _warn(self, key: str, text: str) -> None:

@@ -35,7 +35,7 @@ class ObservationFolder(WatchedFolder):
     """A watched folder of files of observations."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Check the folder. Raises ScenarioError if it is not given or does not exist."""
+        """Check the folder. Raises ScenarioError if no folder is given, or if it does not exist."""
         section = scenario.estimate.observation_files
         key = "estimate.observation_files.folder"
         super().__init__(key, section.folder, (*SUFFIXES, *PARTS), "a file")
@@ -93,7 +93,7 @@ class ObservationFolder(WatchedFolder):
         """Ignore the events of the run."""
 
     def process_file(self, path: Path, now: datetime) -> None:
-        """Read a file. Raises MissionServiceError if it contains no observation that is used."""
+        """Read a file. Raises MissionServiceError for a file without a usable observation."""
         file = self.event_name_of(path.name)
         contents = read_observation_file(path, self._landscape, self._settings)
         count = len(contents.observations)

@@ -86,7 +86,7 @@ def pose_effects(landscape: Landscape, pose: CameraPose, places: Floats) -> Floa
     A displacement is east and north in m, for each m or rad of each component of the error
     (``PoseErrors``). An error of the elevation has the opposite effect of an error of the altitude.
     The displacements are large if the line of sight is nearly parallel to the slope, and NaN for a
-    position without ground (NaN).
+    position that is NaN.
 
     Args:
         landscape: The landscape.

@@ -24,7 +24,7 @@ class ImageFolder(WatchedFolder):
     """A watched folder of thermal images."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Check the folder. Raises ScenarioError if it is not given or does not exist."""
+        """Check the folder. Raises ScenarioError if no folder is given, or if it does not exist."""
         settings = scenario.estimate.thermal_frames
         super().__init__(f"{settings.TABLE}.folder", settings.folder, SUFFIXES, "an image")
         self._images = ArrivedImages(landscape, settings, self.refuse)

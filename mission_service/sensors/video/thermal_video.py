@@ -32,7 +32,7 @@ class ThermalVideo(ThreadedSensor):
     """A thermal video that arrives while the service runs."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Check the settings. Raises ScenarioError if they are unusable or a library is missing."""
+        """Check the settings. Raises ScenarioError for invalid settings and a missing library."""
         super().__init__()
         self._settings = scenario.estimate.thermal_video
         self._name = self._settings.source or ""

@@ -152,7 +152,7 @@ def _values_in(fields: "UasDatalinkLs") -> dict[int, float]:
 
 
 def _taken(fields: "UasDatalinkLs", settings: ThermalVideoSection) -> datetime:
-    """Return the time in UTC. Raises VideoMetadataError if it is missing or implausible."""
+    """Return the time in UTC. Raises VideoMetadataError for a missing or implausible time."""
     if fields.timestamp_us is None:
         raise VideoMetadataError("tag 2, the time stamp, is missing or damaged")
     leap_s = settings.leap_seconds if fields.leap_seconds is None else fields.leap_seconds

@@ -174,7 +174,7 @@ class Hazard:
     ) -> bool:
         """Return whether fire at a corner of a cell is too near a leg.
 
-        The leg is then in danger on any finer raster too.
+        If so, the leg is also in danger on any finer raster.
         """
         _, _, west_m, north_m, cell_m, *margins = self._raster()
         self._evaluate(x0_m, y0_m, x1_m, y1_m, 0.0)

@@ -19,6 +19,9 @@ Floats = NDArray[np.float64]
 # such ground.
 EDGE_CELLS = 0.25
 CLEAR_CELLS = 1.0  # distance of a leg's corners from the ground that counts as burned
+# Length by which a path around a convex fire becomes longer because it keeps this distance: at most
+# half a circle. The limit of a detour is increased by this length.
+HALF_CIRCLE_CELLS = math.pi * CLEAR_CELLS
 BEYOND_CELLS = 1e-3  # distance beyond the edge, so that rounding does not cross the edge again
 AROUND_CELLS = 10_000.0  # width of the unburned ground around all fires
 
@@ -46,16 +49,16 @@ def leg(start: Floats, goal: Floats, unburned: VisibilityGraph, max_detour: floa
     """Return the points (n, 2) of the leg from one position to another, rows and columns.
 
     The leg is straight, unless a straight leg crosses burned ground and the shortest way around is
-    longer by at most the share ``max_detour``. A leg that begins or ends over burned ground leaves
-    or enters this ground by the shortest way, if the leg is then within the same limit. Legs have
-    sharp corners; the turn radius is not taken into account.
+    at most (1 + ``max_detour``) times as long, plus ``HALF_CIRCLE_CELLS``. A leg that begins or
+    ends over burned ground leaves or enters this ground by the shortest way, if the leg is then
+    within the same limit. Legs have sharp corners; the turn radius is not taken into account.
     """
     straight = np.array([start, goal], dtype=np.float64)
     begin, end = (_vertex(place) for place in straight)
     if unburned.is_straight_clear(begin, end):
         return straight
     leave, enter = _nearest_unburned(begin, unburned), _nearest_unburned(end, unburned)
-    allowed = (1.0 + max_detour) * math.dist(begin, end)
+    allowed = (1.0 + max_detour) * math.dist(begin, end) + HALF_CIRCLE_CELLS
     between = unburned.shortest_path(
         leave, enter, allowed - math.dist(begin, leave) - math.dist(enter, end)
     )

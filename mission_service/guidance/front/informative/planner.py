@@ -57,7 +57,9 @@ Floats = NDArray[np.float64]
 # Fractions of the cost that another route must save: a route on the same front, and a route to
 # another front. On the same front, a small fraction causes turns due to errors of the estimate
 # (benchmarks.informative_routes). A vehicle on the way to another front must save MARGIN_TURN to
-# fly to a third front, or back.
+# fly to a third front, or back. After a whole lap of its front, any saving suffices for a flight to
+# another front: at a small front a further lap costs so little that the saving would never reach
+# the fraction.
 MARGIN_TURN, MARGIN_HOP = 0.5, 0.1
 MAX_WIND = 0.95  # maximum wind speed in plans, as a fraction of the airspeed
 MAX_LAP = 5.0 / 6.0  # longest path along one front, in laps; a whole lap would end at its start
@@ -121,6 +123,7 @@ class InformativePlanner:
         self._shared = shared
         self._plan = Plan()
         self._hops = False  # whether the vehicle flies to ``_plan.hop`` now
+        self._flown_cells = 0.0  # since the arrival at the present front
         self._version = 0  # version of the fronts at the last decision
         self._wind = (0.0, 0.0)  # towards north and east on the grid, in cells/s
         self._place: tuple[float, float] | None = None
@@ -148,7 +151,7 @@ class InformativePlanner:
     def left(self, at_s: float) -> None:
         """Remove the vehicle's planned visits, so that the other vehicles plan these visits."""
         self._shared.remove_vehicle(self._name)
-        self._place = None
+        self._place, self._flown_cells = None, 0.0
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """Set the vehicle's position; return a decision for new fronts or at a planned turn."""
@@ -175,7 +178,9 @@ class InformativePlanner:
         if self._hops and hop is not None:
             if math.dist((row, col), (hop.row, hop.col)) <= self.settings.path.lookahead_cells:
                 self.clockwise, self._plan, self._hops = hop.clockwise, Plan(), False
+                self._flown_cells = 0.0
             return False
+        self._flown_cells += moved_cells
         self._plan = replace(plan, out_cells=plan.out_cells - moved_cells)
         if self._plan.out_cells > 0.0:
             return False
@@ -210,7 +215,9 @@ class InformativePlanner:
         ways = self._ways(own, direction, situation)
         costs = evaluate([present, *ways], situation).costs
         hops = [self._is_hop(way, present, own, nodes) for way in ways]
-        needed = 1.0 - np.where(hops, MARGIN_HOP, MARGIN_TURN)
+        lapped = self._flown_cells >= self._shared.fronts[number].length_cells
+        margin_hop = 0.0 if lapped and self._plan.hop is None else MARGIN_HOP
+        needed = 1.0 - np.where(hops, margin_hop, MARGIN_TURN)
         best = int((costs[1:] / needed).argmin()) + 1
         chosen = present
         cost_on, cost_back = float(costs[0]), float(costs[best])

@@ -28,7 +28,7 @@ from mission_service.interfaces.api.responses import (
 from mission_service.interfaces.limits import ConcurrencyLimiter, RateLimiter
 
 ABORT = "/api/v1/abort"
-UPLOADS = ("/api/v1/fire/perimeter", "/api/v1/fire/observations/geotiff")
+UPLOADS = ("/api/v1/fire/perimeter", "/api/v1/fire/observations/geotiff", "/api/v1/photos")
 BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 HEALTH = ("/healthz", "/readyz")

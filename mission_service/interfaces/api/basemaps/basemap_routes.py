@@ -52,7 +52,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/basemaps/{{name}}/archive",
-        **route("look", "A PMTiles file; clients read ranges of it.", file(ARCHIVE)),
+        **route("look", "A PMTiles file, which clients read in byte ranges.", file(ARCHIVE)),
     )
     async def archive(name: str) -> Response:
         basemap = found(name)

@@ -5,6 +5,7 @@ import { showMessage } from "./actions.ts";
 import { errorText, post } from "./api.ts";
 import { byId, h } from "./dom.ts";
 import { shortcut } from "./keys.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 
 const HOLD_MS = 700;
@@ -14,8 +15,8 @@ const TRIES = 5;
 export function abortButton(store: Store): HTMLButtonElement {
   const button = h(
     "button",
-    { id: "abort", type: "button", title: "Press twice or hold: all vehicles stop, climb and hold" },
-    "ABORT",
+    { id: "abort", type: "button", title: t("Press twice or hold: all vehicles stop, climb and hold") },
+    t("ABORT"),
   );
   let armed = 0;
   let held = 0;
@@ -25,7 +26,7 @@ export function abortButton(store: Store): HTMLButtonElement {
     clearTimeout(armed);
     armed = 0;
     button.classList.remove("armed");
-    button.textContent = "ABORT";
+    button.textContent = t("ABORT");
   };
   const fire = (): void => {
     disarm();
@@ -35,8 +36,8 @@ export function abortButton(store: Store): HTMLButtonElement {
   };
   const arm = (): void => {
     button.classList.add("armed");
-    button.textContent = "PRESS AGAIN";
-    byId("announcer").textContent = "Press again to abort";
+    button.textContent = t("PRESS AGAIN");
+    byId("announcer").textContent = t("Press again to abort");
     armed = window.setTimeout(disarm, ARMED_MS);
   };
   button.addEventListener("pointerdown", () => {
@@ -59,7 +60,7 @@ export function abortButton(store: Store): HTMLButtonElement {
     fired = false;
   });
   const isLive = (): boolean => !store.state?.replay;
-  shortcut("Ctrl+Shift+X", "ABORT at once: all vehicles stop, climb and hold", fire, true, isLive);
+  shortcut("Ctrl+Shift+X", t("ABORT at once: all vehicles stop, climb and hold"), fire, true, isLive);
   return button;
 }
 
@@ -67,13 +68,13 @@ export function abortButton(store: Store): HTMLButtonElement {
 async function abort(): Promise<void> {
   for (let tries = 1; ; tries++) {
     try {
-      showMessage("ABORT: sending …", true);
+      showMessage(t("ABORT: sending …"), true);
       await post("abort");
-      showMessage("ABORT accepted: vehicles stop, climb and hold", true);
+      showMessage(t("ABORT accepted: vehicles stop, climb and hold"), true);
       return;
     } catch (error) {
-      const text = `ABORT NOT ACCEPTED (attempt ${tries}): ${errorText(error)}`;
-      showMessage(`${text}. Use the radio and the transmitter.`, true);
+      const text = t("ABORT NOT ACCEPTED (attempt {tries}): {reason}", { tries, reason: errorText(error) });
+      showMessage(t("{text}. Use the radio and the transmitter.", { text }), true);
       if (tries === TRIES) return;
       await new Promise((done) => setTimeout(done, 500));
     }

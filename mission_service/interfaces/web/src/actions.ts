@@ -2,6 +2,7 @@
 
 import { errorText } from "./api.ts";
 import { byId, fill, h } from "./dom.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 import type { Role } from "./types.ts";
 
@@ -19,7 +20,7 @@ export interface Result {
 export function showMessage(text: string, bad = false, undo?: () => void): void {
   const element = byId("message");
   fill(element, text);
-  if (undo) element.append(h("button", { type: "button", onclick: undo }, "Undo"));
+  if (undo) element.append(h("button", { type: "button", onclick: undo }, t("Undo")));
   element.className = bad ? "bad shown" : "shown";
   clearTimeout(timer);
   const shownMs = undo ? SHOWN_WITH_UNDO_MS : SHOWN_MS;
@@ -30,30 +31,30 @@ export function showMessage(text: string, bad = false, undo?: () => void): void 
 export async function attempt(action: string, work: () => Promise<Result | void>): Promise<boolean> {
   try {
     const answer = await work();
-    showMessage(`${action}: ${(answer?.messages ?? []).join("; ") || "done"}`, false, answer?.undo);
+    showMessage(`${action}: ${(answer?.messages ?? []).join("; ") || t("done")}`, false, answer?.undo);
     return true;
   } catch (error) {
-    showMessage(`${action}: failed: ${errorText(error)}`, true);
+    showMessage(t("{action}: failed: {reason}", { action, reason: errorText(error) }), true);
     return false;
   }
 }
 
 const PERMISSIONS: Record<Role, string> = {
-  look: "look",
-  observe: "report observations",
-  correct: "correct the fire",
-  fly: "command vehicles",
-  approve: "approve drops",
+  look: t("look"),
+  observe: t("report observations"),
+  correct: t("correct the fire"),
+  fly: t("command vehicles"),
+  approve: t("approve drops"),
 };
 
 /** The reason why a request with a role is impossible (a replay, or the token); "" if possible. */
 export function lacking(store: Store, role: Role): string {
-  return store.state?.replay ? "A replay accepts no orders" : withoutRole(store, role);
+  return store.state?.replay ? t("A replay accepts no orders") : withoutRole(store, role);
 }
 
 /** The reason why the token does not permit requests with a role; "" if it permits them. */
 export function withoutRole(store: Store, role: Role): string {
   const roles = store.state?.roles ?? [];
   if (roles.includes(role)) return "";
-  return `Your token does not permit you to ${PERMISSIONS[role]}: it does not have the role "${role}"`;
+  return t("Your token does not permit you to {action}: it does not have the role \"{role}\"", { action: PERMISSIONS[role], role });
 }

@@ -4,6 +4,7 @@ import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
 import { coalesced } from "./coalesce.ts";
 import { pointAt } from "./geo.ts";
 import { collection, empty, feature, type Group, iconLayer, type Layers, line, lineLayer, point, show } from "./map.ts";
+import { t } from "./messages.ts";
 import { PALETTE } from "./palette.ts";
 import type { Store } from "./store.ts";
 import type { Aircraft, LonLat } from "./types.ts";
@@ -13,6 +14,9 @@ const EVERY_MS = 300;
 const AHEAD_S = 60;
 const COLOURS = PALETTE.aircraft;
 const URGENCY = ["warning", "corrective", "preventive", "none"]; // labels of the first are drawn first
+const ALERTS: Record<Aircraft["alert"], string> = {
+  none: "", preventive: t("PREVENTIVE"), corrective: t("CORRECTIVE"), warning: t("WARNING"),
+};
 const COLOUR: ExpressionSpecification = ["get", "colour"];
 
 export const aircraftLayers: Layers = {
@@ -26,7 +30,7 @@ export const aircraftLayers: Layers = {
 };
 
 export const AIRCRAFT_GROUPS: Record<string, Group> = {
-  aircraft: { label: "Other aircraft", layers: ["aircraft-ahead", "aircraft"], shown: true },
+  aircraft: { label: t("Other aircraft"), layers: ["aircraft-ahead", "aircraft"], shown: true },
 };
 
 /** Keep the other aircraft up to date. */
@@ -58,7 +62,7 @@ export function labelOf(each: Aircraft): string {
     each.callsign || each.aircraft,
     `${difference(each.above_m)}${trend}`,
   ];
-  if (each.alert !== "none") lines.push(`${each.alert.toUpperCase()} for ${each.vehicle}`);
+  if (each.alert !== "none") lines.push(t("{alert} for {vehicle}", { alert: ALERTS[each.alert], vehicle: each.vehicle }));
   return lines.join("\n");
 }
 

@@ -6,6 +6,7 @@ import { attempt, lacking, showMessage } from "./actions.ts";
 import { post } from "./api.ts";
 import { confirmed } from "./dialogs.ts";
 import { collection, empty, feature, fillLayer, type Group, labelLayer, type Layers, lineLayer, show } from "./map.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 import type { Volume } from "./types.ts";
 import { clock } from "./units.ts";
@@ -26,7 +27,7 @@ export const airspaceLayers: Layers = {
 };
 
 export const AIRSPACE_GROUPS: Record<string, Group> = {
-  airspace: { label: "Closed airspace", layers: airspaceLayers.layers.map(({ id }) => id), shown: true },
+  airspace: { label: t("Closed airspace"), layers: airspaceLayers.layers.map(({ id }) => id), shown: true },
 };
 
 export function followAirspace(map: MapView, store: Store): void {
@@ -50,8 +51,8 @@ export function followAirspace(map: MapView, store: Store): void {
 async function open(store: Store, name: string): Promise<void> {
   const reason = lacking(store, "fly");
   if (reason) return showMessage(reason, true);
-  if (await confirmed(`Open the airspace "${name}" to all vehicles again?`)) {
-    await attempt("Open airspace", () => post("airspace/open", { name }));
+  if (await confirmed(t("Open the airspace \"{name}\" to all vehicles again?", { name }))) {
+    await attempt(t("Open airspace"), () => post("airspace/open", { name }));
   }
 }
 
@@ -60,9 +61,9 @@ const isClosed = ({ from_us, until_us }: Volume, atUs: number): boolean =>
   from_us <= atUs && (until_us === null || atUs < until_us);
 
 function labelOf(volume: Volume, closed: boolean): string {
-  const floor = volume.floor_amsl_m === null ? "ground" : `${Math.round(volume.floor_amsl_m)} m`;
-  const ceiling = volume.ceiling_amsl_m === null ? "no upper limit" : `${Math.round(volume.ceiling_amsl_m)} m`;
-  const until = volume.until_us === null ? "" : ` until ${clock(volume.until_us / 1e6)}`;
-  const when = closed ? `closed${until}` : `closed from ${clock(volume.from_us / 1e6)}${until}`;
-  return `${volume.name}\n${floor} to ${ceiling}\n${when}`;
+  const floor = volume.floor_amsl_m === null ? t("ground") : `${Math.round(volume.floor_amsl_m)} m`;
+  const ceiling = volume.ceiling_amsl_m === null ? t("no upper limit") : `${Math.round(volume.ceiling_amsl_m)} m`;
+  const until = volume.until_us === null ? "" : t(" until {clock}", { clock: clock(volume.until_us / 1e6) });
+  const when = closed ? t("closed{until}", { until }) : t("closed from {clock}{until}", { clock: clock(volume.from_us / 1e6), until });
+  return t("{name}\n{floor} to {ceiling}\n{when}", { name: volume.name, floor, ceiling, when });
 }

@@ -7,6 +7,7 @@ import { lacking, showMessage } from "./actions.ts";
 import { errorText, post } from "./api.ts";
 import { byId, fill, h, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
+import { t } from "./messages.ts";
 import { beep, canSound, readySound } from "./sound.ts";
 import type { Store } from "./store.ts";
 import type { Alarm } from "./types.ts";
@@ -32,8 +33,8 @@ export class Alarms {
   constructor(private readonly store: Store) {
     readySound(() => this.nameButton());
     this.button.addEventListener("click", () => this.mute(!this.muted));
-    shortcut("m", "Mute or unmute alarms (severe alarms for two minutes)", () => this.mute(!this.muted));
-    shortcut("k", "Acknowledge all alarms", () => this.acknowledge(this.current()));
+    shortcut("m", t("Mute or unmute alarms (severe alarms for two minutes)"), () => this.mute(!this.muted));
+    shortcut("k", t("Acknowledge all alarms"), () => this.acknowledge(this.current()));
     store.on(["alarms", "link"], () => this.renew());
     setInterval(() => this.renew(), 1000);
     setInterval(() => this.soundSevere(), AGAIN_MS);
@@ -56,11 +57,11 @@ export class Alarms {
     const lostS = this.lostAt ? (performance.now() - this.lostAt) / 1000 : 0;
     const base = { vehicle: "", severity: "severe", cleared_at_us: null, acknowledged_by: "" } as const;
     if (store.state && lostS > LOST_S) {
-      const text = `Service lost (${store.lossReason}). The data are ${duration(store.ageS)} old`;
+      const text = t("Service lost ({reason}). The data are {duration} old", { reason: store.lossReason, duration: duration(store.ageS) });
       return [{ ...base, alarm: "page/service", at_us: Math.round(this.lostAt), text }];
     }
     if (store.state && !store.state.replay && store.linked && store.stillS > STILL_S) {
-      const text = `No data on fire and vehicles for ${duration(store.stillS)}`;
+      const text = t("No data on fire and vehicles for {duration}", { duration: duration(store.stillS) });
       return [{ ...base, alarm: "page/still", at_us: 0, text, severity: "warning" }];
     }
     return [];
@@ -87,16 +88,16 @@ export class Alarms {
       this.shown = keys;
       fill(element, ...open.slice(0, MAX_SHOWN).map((alarm) => this.row(alarm)));
       const more = open.length - MAX_SHOWN;
-      if (more > 0) element.append(h("p", {}, `and ${more} more in the log`));
+      if (more > 0) element.append(h("p", {}, t("and {more} more in the log", { more })));
       if (open.length > 1) {
-        const all = h("button", { type: "button", onclick: () => this.acknowledge(open) }, "All (K)");
-        all.setAttribute("aria-label", "Acknowledge all");
+        const all = h("button", { type: "button", onclick: () => this.acknowledge(open) }, t("All (K)"));
+        all.setAttribute("aria-label", t("Acknowledge all"));
         element.firstElementChild?.append(all);
       }
       const quiet = current.length - open.length;
       element.classList.toggle("quiet", open.length === 0 && quiet > 0);
       if (!open.length && quiet) {
-        element.append(h("p", {}, `Still active: ${current.map((alarm) => alarm.text).join("; ")}`));
+        element.append(h("p", {}, t("Still active: {alarms}", { alarms: current.map((alarm) => alarm.text).join("; ") })));
       }
     }
     // The age of the data in the texts changes without a new banner.
@@ -110,9 +111,9 @@ export class Alarms {
     return h(
       "div",
       { class: `alarm ${alarm.severity}` },
-      h("strong", {}, alarm.severity === "severe" ? "ALARM" : "WARNING"),
+      h("strong", {}, alarm.severity === "severe" ? t("ALARM") : t("WARNING")),
       h("span", {}, alarmText(alarm)),
-      h("button", { type: "button", onclick: () => this.acknowledge([alarm]) }, "Acknowledge"),
+      h("button", { type: "button", onclick: () => this.acknowledge([alarm]) }, t("Acknowledge")),
     );
   }
 
@@ -148,13 +149,13 @@ export class Alarms {
 
   private nameButton(): void {
     const severeOnly = this.muted && performance.now() - this.mutedAt > MUTED_MS;
-    const mode = !canSound() ? "Sound off: press" : !this.muted ? "Sound on" : severeOnly ? "Severe only" : "Muted 2 min";
+    const mode = !canSound() ? t("Sound off: press") : !this.muted ? t("Sound on") : severeOnly ? t("Severe only") : t("Muted 2 min");
     if (this.button.dataset.mode !== mode) {
       this.button.dataset.mode = mode;
       const icon = canSound() && !this.muted ? Volume2 : VolumeX;
       fill(this.button, createElement(icon, { "aria-hidden": "true" }), h("span", {}, mode));
     }
-    this.button.title = "Mute alarms (M); severe alarms sound again after two minutes";
+    this.button.title = t("Mute alarms (M); severe alarms sound again after two minutes");
     this.button.setAttribute("aria-pressed", String(this.muted));
   }
 }
@@ -162,7 +163,7 @@ export class Alarms {
 const keyOf = (alarm: Alarm): string => `${alarm.alarm}@${alarm.at_us}`;
 
 function alarmText(alarm: Alarm): string {
-  return alarm.alarm.startsWith("page/") ? alarm.text : `${alarm.text} (since ${clock(alarm.at_us / 1e6)})`;
+  return alarm.alarm.startsWith("page/") ? alarm.text : t("{alarm} (since {clock})", { alarm: alarm.text, clock: clock(alarm.at_us / 1e6) });
 }
 
 /** Send acknowledgements, so that the alarms are not sent to further people. */
@@ -171,7 +172,7 @@ async function sendAcknowledged(alarms: Alarm[]): Promise<void> {
     try {
       await post("alarms/acknowledge", { alarm });
     } catch (error) {
-      showMessage(`The acknowledgement was not sent: ${errorText(error)}`, true);
+      showMessage(t("The acknowledgement was not sent: {reason}", { reason: errorText(error) }), true);
       return;
     }
   }

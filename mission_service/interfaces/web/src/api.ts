@@ -1,5 +1,6 @@
 // Requests to the service with the token; errors become one line of text.
 
+import { t } from "./messages.ts";
 import { forgetToken, token } from "./token.ts";
 
 export const BASE = new URL("api/v1/", document.baseURI).href;
@@ -83,6 +84,6 @@ export async function download(path: string, name: string): Promise<void> {
 /** The text of an error, in one line. */
 export function errorText(error: unknown): string {
   if (error instanceof Refused) return error.message;
-  if (error instanceof TypeError) return "no connection to the service";
+  if (error instanceof TypeError) return t("no connection to the service");
   return error instanceof Error ? error.message : String(error);
 }

@@ -2,6 +2,7 @@
 
 import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
 import { circleLayer, collection, empty, feature, type Group, labelLayer, type Layers, point, show } from "./map.ts";
+import { t } from "./messages.ts";
 import { PALETTE } from "./palette.ts";
 import type { Store } from "./store.ts";
 import type { FireArrival } from "./types.ts";
@@ -24,7 +25,7 @@ export const arrivalLayers: Layers = {
 };
 
 export const ARRIVAL_GROUPS: Record<string, Group> = {
-  arrivals: { label: "People and values at risk", layers: ["arrivals", "arrivals-name"], shown: true },
+  arrivals: { label: t("People and values at risk"), layers: ["arrivals", "arrivals-name"], shown: true },
 };
 
 /** Keep the people and values at risk up to date. */
@@ -44,7 +45,7 @@ export function followArrivals(map: MapView, store: Store): void {
 /** The name, and the time until the fire may arrive: "Engine 3 · 12 min". */
 export function labelOf(each: FireArrival): string {
   const left = leftS(each.early_at_us, each);
-  return left === null || left > LABEL_WITHIN_S ? each.name : `${each.name} · ${left > 0 ? rounded(left) : "now"}`;
+  return left === null || left > LABEL_WITHIN_S ? each.name : `${each.name} · ${left > 0 ? rounded(left) : t("now")}`;
 }
 
 /** The time until `at_us`, to the minute. */

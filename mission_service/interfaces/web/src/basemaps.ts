@@ -8,6 +8,7 @@ import {
 import { FetchSource, PMTiles, Protocol } from "pmtiles";
 import { BASE, get, headers } from "./api.ts";
 import { collection, FONT, type Group, labelLayer, lineLayer } from "./map.ts";
+import { shownLanguage, t } from "./messages.ts";
 import { type Basemap as Style, chosenBasemap, onPreferences, shownTheme } from "./preferences.ts";
 import { length } from "./units.ts";
 
@@ -27,7 +28,7 @@ const OF_PROTOMAPS = ["earth", "roads"]; // layers that only this schema has tog
 const FIRST_OF_FIRE = "uncertainty";
 
 export const RELIEF_GROUPS: Record<string, Group> = {
-  relief: { label: "Contour lines, streams", layers: ["relief-contours", "relief-drainage", "relief-heights"], shown: true },
+  relief: { label: t("Contour lines, streams"), layers: ["relief-contours", "relief-drainage", "relief-heights"], shown: true },
 };
 
 /** The styles for which there is something to show. */
@@ -106,7 +107,7 @@ function layersOf(file: Basemap, style: Style): LayerSpecification[] {
 /** The layers of tiles with the schema of Protomaps, with fonts of the system and without icons. */
 function layersOfProtomaps(source: string): LayerSpecification[] {
   const flavor: Flavor = namedFlavor(FLAVORS[shownTheme()]);
-  return protomaps(source, flavor, { lang: navigator.language.slice(0, 2) })
+  return protomaps(source, flavor, { lang: shownLanguage() })
     .filter(({ type }) => type !== "background")
     .map((layer) => {
       if (layer.type !== "symbol") return layer as LayerSpecification;
@@ -128,7 +129,7 @@ function layersByName(source: string, name: string): LayerSpecification[] {
     ...of, id: `${name}-line`, type: "line", paint: { "line-color": colour, "line-width": width },
     filter: ["==", ["geometry-type"], "LineString"],
   });
-  const label = { ...labelLayer(`${name}-name`, source, "#333", { "text-field": ["coalesce", ["get", "name:en"], ["get", "name"], ""], "text-size": 13 }), ...of } as LayerSpecification;
+  const label = { ...labelLayer(`${name}-name`, source, "#333", { "text-field": ["coalesce", ["get", `name:${shownLanguage()}`], ["get", "name"], ""], "text-size": 13 }), ...of } as LayerSpecification;
   if (/water|ocean|lake|river|stream/i.test(name)) return [fill(water!), line(water!, 1.5)];
   if (/land|park|wood|forest|veget/i.test(name)) return [fill(area!)];
   if (/transport|road|street|highway|trail/i.test(name)) return [line(road!, 2)];

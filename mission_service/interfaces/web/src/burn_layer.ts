@@ -7,6 +7,7 @@ import {
   circleLayer, collection, empty, feature, fillLayer, type Group, labelLayer,
   type Layers, line, lineLayer, point, show,
 } from "./map.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 import type { Burn, LonLat, Ring } from "./types.ts";
 
@@ -53,8 +54,8 @@ export const burnLayers: Layers = {
 };
 
 export const BURN_GROUPS: Record<string, Group> = {
-  unit: { label: "Burn unit and stations", layers: ["unit", "no-drop", "clear-of", "stations", "stations-name"], shown: true },
-  drops: { label: "Planned and completed drops", layers: ["burn-plan", "burn-plan-drops", "drops"], shown: true },
+  unit: { label: t("Burn unit and stations"), layers: ["unit", "no-drop", "clear-of", "stations", "stations-name"], shown: true },
+  drops: { label: t("Planned and completed drops"), layers: ["burn-plan", "burn-plan-drops", "drops"], shown: true },
 };
 
 export function followBurn(map: MapView, store: Store): void {

@@ -3,14 +3,15 @@
 import { forward as mgrs } from "mgrs";
 import type { IControl, LngLat, Map as MapView } from "maplibre-gl";
 import { h, setText } from "./dom.ts";
+import { t } from "./messages.ts";
 
 type Format = "degrees" | "minutes" | "mgrs";
 
 const KEY = "mission-service-coordinates";
 const TITLES: Record<Format, string> = {
-  degrees: "Decimal degrees, WGS 84",
-  minutes: "Degrees and decimal minutes, WGS 84",
-  mgrs: "MGRS, the same as USNG (WGS 84), to 1 m",
+  degrees: t("Decimal degrees, WGS 84"),
+  minutes: t("Degrees and decimal minutes, WGS 84"),
+  mgrs: t("MGRS, the same as USNG (WGS 84), to 1 m"),
 };
 const FORMATS = Object.keys(TITLES) as Format[];
 const MGRS_LIMIT_DEG: [number, number] = [-80, 84];
@@ -72,7 +73,7 @@ export class CoordinatesControl implements IControl {
   private show(): void {
     if (!this.map) return;
     const { lat, lng } = this.place ?? this.map.getCenter();
-    setText(this.text, `${this.place ? "" : "centre "}${coordinatesText(lat, lng, this.format)}`);
-    this.element.title = `${TITLES[this.format]}; press for another format`;
+    setText(this.text, `${this.place ? "" : `${t("centre")} `}${coordinatesText(lat, lng, this.format)}`);
+    this.element.title = t("{format}; press for another format", { format: TITLES[this.format] });
   }
 }

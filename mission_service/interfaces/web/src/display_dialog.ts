@@ -2,9 +2,12 @@
 
 import { byId, fill, h } from "./dom.ts";
 import { offeredBasemaps } from "./basemaps.ts";
+import { chooseLanguage, LANGUAGES, shownLanguage, t } from "./messages.ts";
+import { button } from "./panels/parts.ts";
 import {
   BASEMAPS, chooseBasemap, chooseTheme, chooseUnits, chosenBasemap, chosenTheme, chosenUnits, THEMES, UNITS,
 } from "./preferences.ts";
+import { showTour } from "./tour.ts";
 
 /** Open the display settings, or close them. */
 export function showDisplay(): void {
@@ -12,13 +15,18 @@ export function showDisplay(): void {
   if (dialog.open) return dialog.close();
   const offered = offeredBasemaps();
   const basemaps = Object.fromEntries(offered.map((key) => [key, BASEMAPS[key]])) as typeof BASEMAPS;
-  const close = h("button", { type: "button", class: "primary", onclick: () => dialog.close() }, "Close");
+  const close = h("button", { type: "button", class: "primary", onclick: () => dialog.close() }, t("Close"));
   fill(
     dialog,
-    h("div", { class: "row head" }, h("h2", {}, "Display"), close),
-    choice("Units", UNITS, chosenUnits(), chooseUnits),
-    choice("Colours", THEMES, chosenTheme(), chooseTheme),
-    choice("Basemap", basemaps, offered.includes(chosenBasemap()) ? chosenBasemap() : offered[0]!, chooseBasemap),
+    h("div", { class: "row head" }, h("h2", {}, t("Display")), close),
+    choice(t("Language"), LANGUAGES, shownLanguage(), chooseLanguage),
+    choice(t("Units"), UNITS, chosenUnits(), chooseUnits),
+    choice(t("Colours"), THEMES, chosenTheme(), chooseTheme),
+    choice(t("Basemap"), basemaps, offered.includes(chosenBasemap()) ? chosenBasemap() : offered[0]!, chooseBasemap),
+    h("div", { class: "row" }, button(t("Tour of the map"), () => {
+      dialog.close();
+      showTour();
+    })),
   );
   dialog.show(); // not modal: the abort button remains accessible
   close.focus();

@@ -7,6 +7,7 @@ import {
   circleLayer, collection, empty, feature, fillLayer, type Group, labelLayer,
   type Layers, line, lineLayer, point, show,
 } from "./map.ts";
+import { t } from "./messages.ts";
 import { PALETTE } from "./palette.ts";
 import { COLOURS } from "./pens.ts";
 import type { Store } from "./store.ts";
@@ -69,19 +70,19 @@ function stateColour(): ExpressionSpecification {
 }
 
 export const FIRE_GROUPS: Record<string, Group> = {
-  arrival: { label: "Time of arrival", layers: ["arrival"], shown: false },
+  arrival: { label: t("Time of arrival"), layers: ["arrival"], shown: false },
   uncertainty: {
-    label: "Uncertainty (10, 50, 90 %)",
+    label: t("Uncertainty (10, 50, 90 %)"),
     layers: ["uncertainty", "uncertainty-line", "uncertainty-name"],
     shown: false,
   },
-  contours: { label: "In 30 and 60 min", layers: ["contours", "contours-name"], shown: false },
+  contours: { label: t("In 30 and 60 min"), layers: ["contours", "contours-name"], shown: false },
   corrections: {
-    label: "Corrections",
+    label: t("Corrections"),
     layers: ["corrections-area", "corrections-line", "corrections-point"],
     shown: true,
   },
-  hillshade: { label: "Hillshade", layers: ["hillshade"], shown: true },
+  hillshade: { label: t("Hillshade"), layers: ["hillshade"], shown: true },
 };
 
 /** Keep the sources of the fire up to date; request only the layers that are visible. */

@@ -2,6 +2,7 @@
 
 import { Refused } from "./api.ts";
 import { confirmed } from "./dialogs.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 import { area } from "./units.ts";
 
@@ -42,6 +43,7 @@ async function available(preview: () => Promise<Preview>): Promise<Preview | nul
 function question(beforeHa: number, afterHa: number): string {
   const change = Math.round((100 * (afterHa - beforeHa)) / beforeHa);
   const sign = change > 0 ? "+" : "−";
-  return `The burned area changes from ${area(beforeHa * M2_PER_HA)} to ${area(afterHa * M2_PER_HA)} `
-    + `(${sign}${Math.abs(change)} %). The map shows the new outline in blue. Apply this correction?`;
+  const percent = `${sign}${Math.abs(change)}`;
+  const [before, after] = [area(beforeHa * M2_PER_HA), area(afterHa * M2_PER_HA)];
+  return t("The burned area changes from {before} to {after} ({percent} %). The map shows the new outline in blue. Apply this correction?", { before, after, percent });
 }

@@ -6,9 +6,10 @@ import { ask, get } from "./api.ts";
 import { coalesced } from "./coalesce.ts";
 import { ellipse } from "./geo.ts";
 import { collection, empty, feature, type Group, labelLayer, type Layers, line, lineLayer, point, show } from "./map.ts";
+import { t } from "./messages.ts";
 import { imageKey, type Store } from "./store.ts";
 import type { LonLat, MapImage } from "./types.ts";
-import { counter } from "./units.ts";
+import { accuracy, counter } from "./units.ts";
 
 const EVERY_MS = 2000;
 const [OPACITY, FAINTER, FAINTEST] = [0.95, 0.07, 0.3]; // of the newest; less for each newer one; at least
@@ -35,7 +36,7 @@ export const imageLayers: Layers = {
   ],
 };
 
-const group: Group = { label: "Images of sensors", layers: imageLayers.layers.map(({ id }) => id), shown: false };
+const group: Group = { label: t("Images of sensors"), layers: imageLayers.layers.map(({ id }) => id), shown: false };
 export const IMAGE_GROUPS: Record<string, Group> = { images: group };
 
 /** Semi-axes of the ellipse that contains the true place with a probability of 90 %, in metres. */
@@ -137,7 +138,7 @@ export const sourceOf = ({ source, vehicle }: MapImage, store: Store): string =>
 
 /** The ellipse and the label of an image. */
 function placeOf(image: MapImage, source: string): GeoJSON.Feature[] {
-  const label = `${counter(image.at_us / 1e6)} ${source}\n± ${image.position_sd_m.toFixed(1)} m`;
+  const label = `${counter(image.at_us / 1e6)} ${source}\n${accuracy(image.position_sd_m)}`;
   return [
     feature(line(ellipse(middleOf(image), ...axesOf(image), image.major_from_deg))),
     feature(point(middleOf(image)), { label }),

@@ -21,6 +21,7 @@ import { type Group, makeMap } from "./map.ts";
 import { MapButtons } from "./map_buttons.ts";
 import { followTheme } from "./map_theme.ts";
 import { followMeasured, measureLayers } from "./measure_layer.ts";
+import { t, translateDocument } from "./messages.ts";
 import { followNotes, NOTE_GROUPS, noteLayers } from "./notes_layer.ts";
 import { followObservations, OBSERVATION_GROUPS, observationLayers } from "./observation_layer.ts";
 import { BurnPanel } from "./panels/burn.ts";
@@ -40,6 +41,7 @@ import { timeBar } from "./time_bar.ts";
 import { takeToken, token } from "./token.ts";
 import { Toolbar } from "./toolbar.ts";
 import { topBar } from "./top_bar.ts";
+import { isTourDue, showTour } from "./tour.ts";
 import type { LonLat } from "./types.ts";
 import { waitingButton } from "./waiting.ts";
 import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./vehicles_layer.ts";
@@ -49,6 +51,7 @@ const groups: Record<string, Group> = {
   ...ARRIVAL_GROUPS, ...BURN_GROUPS, ...AIRSPACE_GROUPS, ...NOTE_GROUPS, ...RING_GROUPS,
   ...RELIEF_GROUPS,
 };
+translateDocument();
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
 const TRACKS_OF_REPLAY_MS = 2000; // a replay may run at a hundred times real time
@@ -76,15 +79,15 @@ replayBar(store);
 const toolbar = new Toolbar(store, () => pens);
 const fire = new FirePanel(store, groups, toggle);
 const openPanel = side(store, [
-  { key: "vehicles", label: "Vehicles", element: new VehiclesPanel(store).element, available: () => true },
-  { key: "burn", label: "Burn", element: new BurnPanel(store).element, available: () => Boolean(store.state?.burn) },
-  { key: "fire", label: "Fire", element: fire.element, available: () => true },
-  { key: "sensors", label: "Sensors", element: new SensorsPanel(store, groups, toggle).element, available: () => true },
-  { key: "planner", label: "Planner", element: new PlannerPanel(store).element, available: () => true },
-  { key: "log", label: "Log", element: logPanel(store), available: () => true },
+  { key: "vehicles", label: t("Vehicles"), element: new VehiclesPanel(store).element, available: () => true },
+  { key: "burn", label: t("Burn"), element: new BurnPanel(store).element, available: () => Boolean(store.state?.burn) },
+  { key: "fire", label: t("Fire"), element: fire.element, available: () => true },
+  { key: "sensors", label: t("Sensors"), element: new SensorsPanel(store, groups, toggle).element, available: () => true },
+  { key: "planner", label: t("Planner"), element: new PlannerPanel(store).element, available: () => true },
+  { key: "log", label: t("Log"), element: logPanel(store), available: () => true },
 ]);
-shortcut("?", "Show this list of keys", showHelp);
-shortcut("c", "Centre the map on the chosen vehicle", () => {
+shortcut("?", t("Show this list of keys"), showHelp);
+shortcut("c", t("Centre the map on the chosen vehicle"), () => {
   const fix = store.telemetry.get(store.chosen);
   if (fix) map?.panTo([fix.lon_deg, fix.lat_deg]);
 });
@@ -133,6 +136,7 @@ async function makeMapOnce(): Promise<void> {
   Object.assign(window, { missionMap: made }); // for the console, and for tests
   await addBasemaps(made, Boolean(made.getLayer("hillshade")), toggle, themed);
   byId("map").dataset.ready = "yes";
+  if (isTourDue()) showTour();
   await fetchTracks(store);
   setInterval(() => {
     if (store.missed) void fetchTracks(store);
@@ -160,7 +164,7 @@ store.on([], () => {
   making = true;
   void makeMapOnce().catch((error: unknown) => {
     console.error("cannot display the map", error);
-    byId("map").textContent = `Cannot display the map: ${String(error)}`;
+    byId("map").textContent = t("Cannot display the map: {error}", { error: String(error) });
   });
 });
 
@@ -176,6 +180,6 @@ function acceptFiles(): void {
 const enter = (): void => void store.follow();
 
 takeToken();
-whenUnauthorised(() => askForToken("This token is not valid.", enter));
+whenUnauthorised(() => askForToken(t("This token is not valid."), enter));
 if (token()) enter();
-else askForToken("This map requires a token.", enter);
+else askForToken(t("This map requires a token."), enter);

@@ -20,6 +20,7 @@ import {
 import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?worker&url";
 import { BASE, get, headers } from "./api.ts";
 import { CoordinatesControl } from "./coordinates.ts";
+import { t } from "./messages.ts";
 import { chosenUnits, onPreferences } from "./preferences.ts";
 import type { Landscape } from "./types.ts";
 
@@ -105,8 +106,14 @@ export const iconLayer = (
 });
 
 export function show(map: MapView, source: string, data: GeoJSON.GeoJSON): void {
-  (map.getSource(source) as GeoJSONSource | undefined)?.setData(data);
+  const found = map.getSource(source) as GeoJSONSource | undefined;
+  const text = JSON.stringify(data);
+  if (!found || shown.get(found) === text) return; // the map would draw the same again
+  shown.set(found, text);
+  found.setData(data);
 }
+
+const shown = new WeakMap<GeoJSONSource, string>();
 
 interface TileJson {
   tiles?: string[];
@@ -131,6 +138,12 @@ export async function makeMap(
     bounds: view,
     fitBoundsOptions: { padding: 30 },
     attributionControl: false,
+    locale: {
+      "NavigationControl.ZoomIn": t("Zoom in"),
+      "NavigationControl.ZoomOut": t("Zoom out"),
+      "AttributionControl.ToggleAttribution": t("Show or hide the sources of the map"),
+      "Map.Title": t("Map"),
+    },
     dragRotate: false,
     pitchWithRotate: false,
     maxPitch: 0,
@@ -154,7 +167,7 @@ export async function makeMap(
   onPreferences(() => scale.setUnit(SCALES[chosenUnits()]));
   map.addControl(new CoordinatesControl(), "bottom-left");
   map.addControl(new AttributionControl({ compact: true, customAttribution: "MapLibre" }));
-  map.getCanvas().setAttribute("aria-label", "Map: arrow keys move it, + and − zoom");
+  map.getCanvas().setAttribute("aria-label", t("Map: arrow keys move it, + and − zoom"));
   await map.once("style.load");
   return map;
 }

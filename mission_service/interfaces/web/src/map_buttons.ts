@@ -4,24 +4,25 @@ import { createElement, LocateFixed, Settings2 } from "lucide";
 import type { IControl, Map as MapView } from "maplibre-gl";
 import { h } from "./dom.ts";
 import { shortcut } from "./keys.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 
 export class MapButtons implements IControl {
   private follow = h("button", {
-    type: "button", class: "follow", title: "Keep the chosen vehicle in the middle (G)",
-    "aria-label": "Follow the chosen vehicle", "aria-pressed": "false", onclick: () => this.toggle(),
+    type: "button", class: "follow", title: t("Keep the chosen vehicle in the middle (G)"),
+    "aria-label": t("Follow the chosen vehicle"), "aria-pressed": "false", onclick: () => this.toggle(),
   }, createElement(LocateFixed));
   private element: HTMLElement;
   private map: MapView | null = null;
   private isFollowing = false;
-  private isHeld = false; // a pointer is down on the map: setting the centre would end a gesture before it moves the map
+  private isHeld = false; // a pointer is down on the map: setting the centre would end a gesture before the map moves
 
   constructor(private readonly store: Store, settings: () => void) {
     const open = h("button", {
-      type: "button", class: "settings", title: "Units, colours, basemap", "aria-label": "Display settings", onclick: settings,
+      type: "button", class: "settings", title: t("Language, units, colours, basemap"), "aria-label": t("Display settings"), onclick: settings,
     }, createElement(Settings2));
     this.element = h("div", { class: "maplibregl-ctrl maplibregl-ctrl-group" }, this.follow, open);
-    shortcut("g", "Follow the chosen vehicle, or stop", () => this.toggle());
+    shortcut("g", t("Follow the chosen vehicle, or stop"), () => this.toggle());
     store.on(["telemetry", "chosen"], () => this.centre());
   }
 
@@ -29,7 +30,8 @@ export class MapButtons implements IControl {
     this.map = map;
     map.on("dragstart", () => this.set(false)); // the user moves the map
     map.getCanvasContainer().addEventListener("pointerdown", () => (this.isHeld = true));
-    for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, () => (this.isHeld = false));
+    const released = (): void => void requestAnimationFrame(() => (this.isHeld = false)); // after the map's frame
+    for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, released);
     return this.element;
   }
 

@@ -4,6 +4,7 @@ import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
 import { get } from "./api.ts";
 import { coalesced } from "./coalesce.ts";
 import { circleLayer, collection, empty, feature, fillLayer, type Group, type Layers, lineLayer, show } from "./map.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 import type { Observation } from "./types.ts";
 
@@ -50,7 +51,7 @@ export const observationLayers: Layers = {
 };
 
 export const OBSERVATION_GROUPS: Record<string, Group> = {
-  observations: { label: "Observations", layers: observationLayers.layers.map(({ id }) => id), shown: false },
+  observations: { label: t("Observations"), layers: observationLayers.layers.map(({ id }) => id), shown: false },
 };
 
 const colours = new Map<string, string>();

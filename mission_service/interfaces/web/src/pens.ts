@@ -6,6 +6,7 @@
 import type { Map as MapView } from "maplibre-gl";
 import { h } from "./dom.ts";
 import { simplified, uncrossed } from "./geo.ts";
+import { t } from "./messages.ts";
 import { PALETTE } from "./palette.ts";
 
 export type State = "burned" | "burning" | "unburned";
@@ -170,7 +171,7 @@ export class Pens {
     if (!tool || "eraser" in tool) return;
     const least = tool.shape === "polygon" ? 3 : tool.shape === "line" ? 2 : 1;
     if (points.length < least) {
-      this.announce(`Stroke too short for ${tool.shape === "polygon" ? "an area" : "a line"}`);
+      this.announce(tool.shape === "polygon" ? t("Stroke too short for an area") : t("Stroke too short for a line"));
       return;
     }
     this.drawn({ tool, points, radiusM: 0 });
@@ -187,7 +188,7 @@ export class Pens {
       else if (this.tool.shape === "point") this.finish([[lat, lng]]);
       else {
         this.corners.push([lat, lng]);
-        this.announce(`Corner ${this.corners.length}; Enter ends the stroke`);
+        this.announce(t("Corner {number}; Enter ends the stroke", { number: this.corners.length }));
       }
     } else if (event.key === "Enter" && this.corners.length) {
       const corners = this.corners;

@@ -1,9 +1,10 @@
 // What a user has chosen in this browser: units, colours of the page, basemap. Stored in localStorage.
 
-export const UNITS = { metric: "Metric", us: "US", aviation: "Aviation" } as const;
-export const THEMES = { auto: "As the system", day: "Day", night: "Night", contrast: "High contrast" } as const;
+import { t } from "./messages.ts";
+export const UNITS = { metric: t("Metric"), us: t("US"), aviation: t("Aviation") } as const;
+export const THEMES = { auto: t("As the system"), day: t("Day"), night: t("Night"), contrast: t("High contrast") } as const;
 
-export const BASEMAPS = { topo: "Topo", imagery: "Imagery", hillshade: "Hillshade" } as const;
+export const BASEMAPS = { topo: t("Topo"), imagery: t("Imagery"), hillshade: t("Hillshade") } as const;
 
 export type Units = keyof typeof UNITS;
 export type Theme = keyof typeof THEMES;

@@ -5,6 +5,7 @@ import { errorText, post } from "./api.ts";
 import { coalesced } from "./coalesce.ts";
 import { byId, fill, h, setReason, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 import type { Replay } from "./types.ts";
 import { counter } from "./units.ts";
@@ -16,12 +17,12 @@ const SEEK_MS = 200; // between two requests while the slider is dragged
 export function replayBar(store: Store): void {
   const bar = byId("replay");
   const play = h("button", { type: "button", class: "play", onclick: () => toggle() });
-  const speed = h("select", { "aria-label": "Speed of the replay", onchange: () => setSpeed() });
-  const slider = h("input", { type: "range", min: 0, step: 1, "aria-label": "Time in the log" });
+  const speed = h("select", { "aria-label": t("Speed of the replay"), onchange: () => setSpeed() });
+  const slider = h("input", { type: "range", min: 0, step: 1, "aria-label": t("Time in the log") });
   const label = h("output");
   const step = (by: number, name: string): HTMLButtonElement =>
     h("button", { type: "button", title: name, "aria-label": name, onclick: () => skip(by) }, by < 0 ? "−10 s" : "+10 s");
-  const steps = [step(-STEP_S, "Ten seconds back"), step(STEP_S, "Ten seconds forward")];
+  const steps = [step(-STEP_S, t("Ten seconds back")), step(STEP_S, t("Ten seconds forward"))];
   bar.append(play, speed, steps[0]!, slider, steps[1]!, label);
 
   let dragged = false;
@@ -41,7 +42,7 @@ export function replayBar(store: Store): void {
       const answer = await post<Replay>("replay", body);
       if (replay() === before) store.expect(withoutJumps(answer));
     } catch (error) {
-      showMessage(`Replay failed: ${errorText(error)}`, true);
+      showMessage(t("Replay failed: {reason}", { reason: errorText(error) }), true);
     }
   };
   const seek = coalesced(async () => {
@@ -82,27 +83,27 @@ export function replayBar(store: Store): void {
     event.preventDefault();
     skip(by);
   });
-  shortcut("Space", "Replay: pause or continue", toggle, false, isReplay);
-  shortcut("ArrowLeft", "Replay: ten seconds back", () => skip(-STEP_S), false, isReplay);
-  shortcut("ArrowRight", "Replay: ten seconds forward", () => skip(STEP_S), false, isReplay);
+  shortcut("Space", t("Replay: pause or continue"), toggle, false, isReplay);
+  shortcut("ArrowLeft", t("Replay: ten seconds back"), () => skip(-STEP_S), false, isReplay);
+  shortcut("ArrowRight", t("Replay: ten seconds forward"), () => skip(STEP_S), false, isReplay);
 
   const renew = (): void => {
     const now = replay();
     bar.hidden = !now;
     document.body.classList.toggle("replay", Boolean(now));
     if (!now) return;
-    setText(play, now.ended && now.paused ? "Play again" : now.paused ? "▶ Play" : "Pause");
-    play.title = now.paused ? "Continue (Space)" : "Pause (Space)";
+    setText(play, now.ended && now.paused ? t("Play again") : now.paused ? t("▶ Play") : t("Pause"));
+    play.title = now.paused ? t("Continue (Space)") : t("Pause (Space)");
     const speeds = SPEEDS.includes(String(now.speed)) ? SPEEDS : [...SPEEDS, String(now.speed)];
     if (speed.options.length !== speeds.length) {
-      fill(speed, ...speeds.map((each) => h("option", { value: each }, each === "max" ? "max" : `${each}×`)));
+      fill(speed, ...speeds.map((each) => h("option", { value: each }, each === "max" ? t("max") : `${each}×`)));
     }
     if (document.activeElement !== speed) speed.value = String(now.speed);
     slider.max = String(Math.ceil(lengthS(now)));
     if (!dragged) slider.value = String(positionS(now));
     const position = `${counter(positionS(now))} / ${counter(lengthS(now))}`;
     slider.setAttribute("aria-valuetext", position);
-    setText(label, now.seeking ? `${position} seeking …` : position);
+    setText(label, now.seeking ? t("{position} seeking …", { position }) : position);
     const reason = withoutRole(store, "fly");
     for (const control of [play, slider, ...steps]) setReason(control, reason);
     speed.disabled = reason !== "";

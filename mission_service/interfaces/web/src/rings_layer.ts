@@ -4,6 +4,7 @@ import type { Map as MapView } from "maplibre-gl";
 import { coalesced } from "./coalesce.ts";
 import { circle, pointAt } from "./geo.ts";
 import { collection, empty, feature, type Group, labelLayer, type Layers, line, lineLayer, point, show } from "./map.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 import type { LonLat } from "./types.ts";
 import { distance, ringRadii } from "./units.ts";
@@ -26,7 +27,7 @@ export const ringLayers: Layers = {
 };
 
 export const RING_GROUPS: Record<string, Group> = {
-  rings: { label: "Range rings", layers: ["rings-halo", "rings", "rings-name"], shown: false },
+  rings: { label: t("Range rings"), layers: ["rings-halo", "rings", "rings-name"], shown: false },
 };
 
 /** Keep the rings around the chosen vehicle; their radii follow the zoom. Returns the function that redraws them. */

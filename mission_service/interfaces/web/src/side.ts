@@ -2,6 +2,7 @@
 
 import { byId, h } from "./dom.ts";
 import { shortcut } from "./keys.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 
 export interface Tab {
@@ -26,7 +27,7 @@ export function side(store: Store, tabs: Tab[]): (key: string) => void {
       },
       label,
     );
-    shortcut(`Alt+${i + 1}`, `Panel: ${label}`, () => {
+    shortcut(`Alt+${i + 1}`, t("Panel: {label}", { label }), () => {
       open(key);
       button.focus();
     });

@@ -3,6 +3,7 @@
 
 import { ask, BASE, errorText, get, Refused } from "./api.ts";
 import { backoffS, EventReader, type StreamEvent } from "./live.ts";
+import { t } from "./messages.ts";
 import type {
   Aircraft,
   Airspace,
@@ -82,7 +83,7 @@ export class Store {
   measured: [number, number][] = []; // the measured line: lat, lon
   preview: GeoJSON.Feature | null = null; // the fire after a correction that is not sent yet
   linked = false;
-  lossReason = "not connected yet";
+  lossReason = t("not connected yet");
   receivedAt = 0; // performance.now() of the last received data
   private atUs = 0;
   private advancedAt = 0; // performance.now() of the last advance of mission time
@@ -176,7 +177,7 @@ export class Store {
       const began = performance.now();
       try {
         await this.connect(stop.signal);
-        this.lost("the service closed the connection");
+        this.lost(t("the service closed the connection"));
       } catch (error) {
         if (stop.signal.aborted) return;
         if (error instanceof Jumped) continue;
@@ -334,7 +335,7 @@ export class Store {
 
   /** A mission time as text: of the day while mission time passes as real time, otherwise "time 1:05". */
   clockText(atS: number): string {
-    if (!this.isRealTime || this.state?.replay) return `time ${clock(atS)}`;
+    if (!this.isRealTime || this.state?.replay) return t("time {clock}", { clock: clock(atS) });
     const at = new Date(Date.now() + (atS - this.nowS) * 1000);
     return `${String(at.getHours()).padStart(2, "0")}:${String(at.getMinutes()).padStart(2, "0")}`;
   }

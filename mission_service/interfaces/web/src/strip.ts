@@ -2,10 +2,12 @@
 // ahead to the right, with a bar for the importance of each cell; below, both sums.
 
 import { h } from "./dom.ts";
+import { significant, t } from "./messages.ts";
 import { colour } from "./preferences.ts";
 import type { Importance } from "./types.ts";
 
 const [WIDTH, HEIGHT] = [356, 130];
+const NAME = t("Importance of the front behind and ahead");
 const [BARS_TOP, BARS_BASE] = [22, 82];
 
 export function makeStrip(): {
@@ -17,7 +19,7 @@ export function makeStrip(): {
     role: "img",
     width: WIDTH * 2,
     height: HEIGHT * 2,
-    "aria-label": "Importance of the front behind and ahead",
+    "aria-label": NAME,
   });
   const show = (importance: Importance | null, otherwise = ""): void => paint(canvas, importance, otherwise);
   return { element: canvas, show };
@@ -25,8 +27,8 @@ export function makeStrip(): {
 
 /** The next decision as text, also for screen readers. */
 export function importanceText({ importance_back: back, importance_front: front }: Importance): string {
-  const next = back > front ? "the vehicle may turn back" : "the vehicle continues";
-  return `behind ${short(back)}, ahead ${short(front)}: ${next}`;
+  const next = back > front ? t("the vehicle may turn back") : t("the vehicle continues");
+  return t("behind {back}, ahead {front}: {next}", { back: short(back), front: short(front), next });
 }
 
 /** The importances of the nearer halves of the front behind and ahead, from the vehicle outwards. */
@@ -37,7 +39,7 @@ function sides({ cells }: Importance): [number[], number[]] {
 }
 
 const short = (value: number): string =>
-  value === 0 ? "0" : Math.abs(value) >= 100 ? value.toFixed(0) : value.toPrecision(3);
+  value === 0 ? "0" : Math.abs(value) >= 100 ? value.toFixed(0) : significant(value, 3);
 
 /** Draw the strip, or the text `otherwise` without importances. */
 function paint(canvas: HTMLCanvasElement, importance: Importance | null, otherwise: string): void {
@@ -52,16 +54,16 @@ function paint(canvas: HTMLCanvasElement, importance: Importance | null, otherwi
   if (!importance) {
     pen.textAlign = "center";
     pen.fillText(otherwise, middle, 54);
-    canvas.setAttribute("aria-label", otherwise);
+    canvas.setAttribute("aria-label", otherwise || NAME);
     return;
   }
   canvas.setAttribute("aria-label", importanceText(importance));
   pen.textAlign = "left";
   pen.fillStyle = colour("--behind");
-  pen.fillText("◀ behind", 4, 2);
+  pen.fillText(`◀ ${t("behind")}`, 4, 2);
   pen.textAlign = "right";
   pen.fillStyle = colour("--ahead");
-  pen.fillText("ahead ▶", WIDTH - 4, 2);
+  pen.fillText(`${t("ahead")} ▶`, WIDTH - 4, 2);
   const [back, front] = sides(importance);
   const cells = Math.max(front.length, back.length, 1);
   const most = Math.max(...front, ...back, 1e-9);
@@ -111,5 +113,5 @@ function sums(pen: CanvasRenderingContext2D, importance: Importance, middle: num
   pen.textAlign = "right";
   pen.fillText(`Σ ${short(front)}`, WIDTH - 4, 110);
   pen.textAlign = "center";
-  pen.fillText(back > front ? "may turn back" : "continues", middle, 110);
+  pen.fillText(back > front ? t("may turn back") : t("continues"), middle, 110);
 }

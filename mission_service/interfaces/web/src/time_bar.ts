@@ -2,6 +2,7 @@
 
 import { byId, h, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
+import { t } from "./messages.ts";
 import type { Store } from "./store.ts";
 import { clock, moment } from "./units.ts";
 
@@ -16,29 +17,29 @@ export function timeBar(store: Store): void {
     max: MAX_MIN,
     step: STEP_MIN,
     value: 0,
-    "aria-label": "Minutes from now",
+    "aria-label": t("Minutes from now"),
     list: "hours",
     oninput: () => store.selectTime(Number(slider.value)),
   });
-  const label = h("output", { id: "moment" }, "now");
+  const label = h("output", { id: "moment" }, t("now"));
   const button = (name: string, title: string, act: () => void): HTMLButtonElement =>
-    h("button", { type: "button", title, onclick: act }, name, name === "Now" ? "" : h("span", { class: "unseen" }, " minutes"));
+    h("button", { type: "button", title, onclick: act }, name, /\d/.test(name) && h("span", { class: "unseen" }, ` ${t("minutes")}`));
   const step = (by: number): void => {
     store.selectTime(Math.max(Number(slider.min), Math.min(MAX_MIN, store.inMin + by)));
   };
   byId("time").append(
     label,
-    button("−5", "Five minutes earlier", () => step(-STEP_MIN)),
+    button("−5", t("Five minutes earlier"), () => step(-STEP_MIN)),
     slider,
     h("datalist", { id: "hours" }, ...[0, 60, 120, 180, 240, 300, 360].map((min) => h("option", { value: min }))),
-    button("+5", "Five minutes later", () => step(STEP_MIN)),
-    button("Now", "Back to now", () => store.selectTime(0)),
+    button("+5", t("Five minutes later"), () => step(STEP_MIN)),
+    button(t("Now"), t("Back to now"), () => store.selectTime(0)),
   );
-  shortcut(",", "Time: five minutes earlier", () => step(-STEP_MIN));
-  shortcut(".", "Time: five minutes later", () => step(STEP_MIN));
-  shortcut("<", "Time: half an hour earlier", () => step(-30));
-  shortcut(">", "Time: half an hour later", () => step(30));
-  shortcut("0", "Time: now", () => store.selectTime(0));
+  shortcut(",", t("Time: five minutes earlier"), () => step(-STEP_MIN));
+  shortcut(".", t("Time: five minutes later"), () => step(STEP_MIN));
+  shortcut("<", t("Time: half an hour earlier"), () => step(-30));
+  shortcut(">", t("Time: half an hour later"), () => step(30));
+  shortcut("0", t("Time: now"), () => store.selectTime(0));
 
   const renew = (): void => {
     // The range begins at the fire's start, but at most MAX_PAST_MIN ago.

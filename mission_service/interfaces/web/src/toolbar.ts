@@ -7,22 +7,24 @@ import { closeHelp, confirmed, entered } from "./dialogs.ts";
 import { byId, h, setReason, setText } from "./dom.ts";
 import { acceptsChange, type Preview } from "./fire_preview.ts";
 import { shortcut } from "./keys.ts";
+import { t, word } from "./messages.ts";
 import type { Pen, Pens, Shape, Stroke, Tool } from "./pens.ts";
+import { sentPhoto } from "./photos.ts";
 import type { Store } from "./store.ts";
 import type { Role } from "./types.ts";
 import { moment } from "./units.ts";
 
 const PENS: [Pen, string, string][] = [
-  ["burned", "Burned", "b"],
-  ["burning", "Burning", "f"],
-  ["unburned", "Unburned", "u"],
-  ["closed", "Closed", "x"],
-  ["measure", "Measure", "l"],
-  ["note", "Note", "t"],
+  ["burned", t("Burned"), "b"],
+  ["burning", t("Burning"), "f"],
+  ["unburned", t("Unburned"), "u"],
+  ["closed", t("Closed"), "x"],
+  ["measure", t("Measure"), "l"],
+  ["note", t("Note"), "t"],
 ];
-const TITLES: Partial<Record<Pen, string>> = { closed: "Closed airspace", measure: "Measure a line", note: "Add a note" };
+const TITLES: Partial<Record<Pen, string>> = { closed: t("Closed airspace"), measure: t("Measure a line"), note: t("Add a note") };
 const SHAPE_OF: Partial<Record<Pen, Shape>> = { closed: "polygon", measure: "line", note: "point" }; // of all others the chosen one
-const SHAPES: [Shape, string, string][] = [["point", "Point", "1"], ["line", "Line", "2"], ["polygon", "Area", "3"]];
+const SHAPES: [Shape, string, string][] = [["point", t("Point"), "1"], ["line", t("Line"), "2"], ["polygon", t("Area"), "3"]];
 const ERASER_PX = 22;
 
 export class Toolbar {
@@ -30,7 +32,7 @@ export class Toolbar {
   private pen: Pen | "eraser" | null = null;
   private buttons = new Map<string, HTMLButtonElement>();
   private atSlider = h("input", { type: "checkbox", id: "for-slider" });
-  private when = h("span", {}, "now");
+  private when = h("span", {}, t("now"));
 
   constructor(private readonly store: Store, private readonly pens: () => Pens | null) {
     const one = (key: string, label: string, title: string, act: () => void): HTMLButtonElement => {
@@ -39,31 +41,31 @@ export class Toolbar {
       return button;
     };
     byId("tools").append(
-      one("move", "Move", "Move the map (V)", () => this.selectPen(null)),
+      one("move", t("Move"), t("Move the map (V)"), () => this.selectPen(null)),
       ...PENS.map(([state, label, key]) =>
-        one(state, label, `${TITLES[state] ?? label} here (${key.toUpperCase()})`, () => this.selectPen(state)),
+        one(state, label, t("{pen} here ({key})", { pen: TITLES[state] ?? label, key: key.toUpperCase() }), () => this.selectPen(state)),
       ),
       h("hr"),
       ...SHAPES.map(([shape, label, key]) => one(shape, label, `${label} (${key})`, () => this.selectShape(shape))),
       h("hr"),
-      one("eraser", "Erase", "Erase corrections (E)", () => this.selectPen("eraser")),
-      one("undo", "Undo", "Undo the last correction (Ctrl+Z)", () => this.back("undo")),
-      one("redo", "Redo", "Redo the last undone correction (Ctrl+Y)", () => this.back("redo")),
-      h("label", { class: "when", for: "for-slider", title: "Draw for the time of the slider instead of now" },
+      one("eraser", t("Erase"), t("Erase corrections (E)"), () => this.selectPen("eraser")),
+      one("undo", t("Undo"), t("Undo the last correction (Ctrl+Z)"), () => this.back("undo")),
+      one("redo", t("Redo"), t("Redo the last undone correction (Ctrl+Y)"), () => this.back("redo")),
+      h("label", { class: "when", for: "for-slider", title: t("Draw for the time of the slider instead of now") },
         this.atSlider, this.when),
     );
-    shortcut("v", "Move the map", () => this.selectPen(null));
+    shortcut("v", t("Move the map"), () => this.selectPen(null));
     for (const [state, label, key] of PENS) {
-      shortcut(key, `${(TITLES[state] ?? `Pen: ${label.toLowerCase()}`)}; Space adds a corner, Enter ends the stroke`, () => this.selectPen(state));
+      shortcut(key, t("{pen}; Space adds a corner, Enter ends the stroke", { pen: TITLES[state] ?? t("Pen: {label}", { label: label.toLowerCase() }) }), () => this.selectPen(state));
     }
     for (const [shape, label, key] of SHAPES) {
-      shortcut(key, `Shape of the pen: ${label.toLowerCase()}`, () => this.selectShape(shape));
+      shortcut(key, t("Shape of the pen: {label}", { label: label.toLowerCase() }), () => this.selectShape(shape));
     }
-    shortcut("e", "Eraser", () => this.selectPen("eraser"));
-    shortcut("Ctrl+Z", "Undo the last correction", () => this.back("undo"));
-    shortcut("Ctrl+Y", "Redo", () => this.back("redo"));
-    shortcut("Ctrl+Shift+Z", "Redo", () => this.back("redo"));
-    shortcut("Escape", "Close a list or settings, or deselect the pen", () => {
+    shortcut("e", t("Eraser"), () => this.selectPen("eraser"));
+    shortcut("Ctrl+Z", t("Undo the last correction"), () => this.back("undo"));
+    shortcut("Ctrl+Y", t("Redo"), () => this.back("redo"));
+    shortcut("Ctrl+Shift+Z", t("Redo"), () => this.back("redo"));
+    shortcut("Escape", t("Close a list or settings, or deselect the pen"), () => {
       if (!closeHelp()) this.selectPen(null);
     });
     this.atSlider.addEventListener("change", () => this.renew());
@@ -103,8 +105,8 @@ export class Toolbar {
       if (key !== "undo" && key !== "redo") button.setAttribute("aria-pressed", String(pressed.has(key)));
       if (key !== "move" && key !== "measure") setReason(button, lacking(this.store, roleOf(key)));
     }
-    setReason(this.atSlider, reason || (this.store.inMin === 0 ? "The slider is at now" : ""));
-    setText(this.when, `for ${moment(this.inMin)}`);
+    setReason(this.atSlider, reason || (this.store.inMin === 0 ? t("The slider shows the present time") : ""));
+    setText(this.when, t("for {moment}", { moment: moment(this.inMin) }));
   }
 
   /** The time to which a stroke applies, in minutes from now. */
@@ -115,14 +117,14 @@ export class Toolbar {
   private back(which: "undo" | "redo"): void {
     const reason = lacking(this.store, "correct");
     if (reason) return showMessage(reason, true);
-    void attempt(which === "undo" ? "Undo" : "Redo", () => post(`fire/${which}`));
+    void attempt(which === "undo" ? t("Undo") : t("Redo"), () => post(`fire/${which}`));
   }
 
   /** Send a stroke as a correction or an erasure. */
   async send({ tool, points, radiusM }: Stroke): Promise<boolean> {
     if ("eraser" in tool) {
       const [lat_deg, lon_deg] = points[0]!;
-      return this.correct("Erase", "erase", "fire/erase", { lat_deg, lon_deg, radius_m: Math.round(radiusM) });
+      return this.correct(t("Erase"), "erase", "fire/erase", { lat_deg, lon_deg, radius_m: Math.round(radiusM) });
     }
     if (tool.pen === "measure") {
       this.store.showMeasured(points);
@@ -131,23 +133,26 @@ export class Toolbar {
     if (tool.pen === "note") return this.addNote(points[0]!);
     if (tool.pen === "closed") return this.closeAirspace(points);
     const body = { state: tool.pen, shape: tool.shape, points, in_s: this.inMin * 60 };
-    return this.correct(`Correction (${tool.pen}, ${moment(this.inMin)})`, "correct", "fire/corrections", body);
+    return this.correct(t("Correction ({pen}, {moment})", { pen: word(tool.pen), moment: moment(this.inMin) }), "correct", "fire/corrections", body);
   }
 
-  /** Send a correction, after a question if it changes much of the fire; the message offers to undo it. */
+  /** Send a correction, after a confirmation if it changes much of the fire; the message offers to undo it. */
   private correct(action: string, request: string, path: string, body: object): Promise<boolean> {
     return attempt(action, async () => {
       const preview = (): Promise<Preview> => post<Preview>("fire/preview", { do: request, ...body });
-      if (!(await acceptsChange(this.store, preview))) return { messages: ["not applied"] };
+      if (!(await acceptsChange(this.store, preview))) return { messages: [t("not applied")] };
       return { ...await post(path, body), undo: () => this.back("undo") };
     });
   }
 
-  /** Add a note about a place, after a question for its text. */
+  /** Ask for the text and the photo of a note about a place, and add the note. */
   private async addNote([lat_deg, lon_deg]: [number, number]): Promise<boolean> {
-    const text = await entered("Note about this place, for all users of the map and for the log");
-    if (!text) return false;
-    return attempt("Note", () => post("notes", { text, lat_deg, lon_deg }));
+    const note = await entered(t("Note about this place, for all users of the map and for the log"));
+    if (!note) return false;
+    return attempt(t("Note"), async () => {
+      const photo = note.photo ? await sentPhoto(note.photo) : "";
+      return post("notes", { text: note.text, lat_deg, lon_deg, photo });
+    });
   }
 
   /** Close the airspace over an area after a confirmation. */
@@ -155,15 +160,14 @@ export class Toolbar {
     const names = new Set(this.store.state?.airspace.volumes.map(({ name }) => name));
     let number = 1;
     while (names.has(`area ${number}`)) number += 1;
-    const question = "Close this airspace to all vehicles, at all altitudes, until it is opened? Vehicles inside leave it; "
-      + "no vehicle takes off until they are out.";
+    const question = t("Close this airspace to all vehicles, at all altitudes, until it is opened? Vehicles inside leave it; no vehicle takes off until they are out.");
     if (!(await confirmed(question))) return false;
     const name = `area ${number}`;
     const clearing = this.store.state?.airspace.clearing;
     if (clearing?.outcome === "in force" && !clearing.volume) { // all vehicles land already
-      return attempt("Close airspace", () => post("airspace/close", { name, corners }));
+      return attempt(t("Close airspace"), () => post("airspace/close", { name, corners }));
     }
-    return attempt("Close airspace", () => post("airspace/clear", { volume: name, corners }));
+    return attempt(t("Close airspace"), () => post("airspace/clear", { volume: name, corners }));
   }
 }
 

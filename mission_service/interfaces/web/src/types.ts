@@ -150,6 +150,7 @@ export interface LogRecord extends Announcement {
   note: string; // text of a note about a place
   lat_deg: number | null;
   lon_deg: number | null;
+  photo: string; // name of the photo of a note
 }
 
 export interface Fire {

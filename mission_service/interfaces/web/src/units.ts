@@ -1,6 +1,7 @@
 // Values as text, in the chosen units: metric (m, km, m/s, ha), US (ft, mi, mph, acres) or aviation (ft, NM, kt, acres).
 // Times as h:min. The service has metric units only.
 
+import { decimal, t } from "./messages.ts";
 import { chosenUnits } from "./preferences.ts";
 
 interface Unit {
@@ -9,7 +10,7 @@ interface Unit {
 }
 
 const FOOT = { name: "ft", si: 0.3048 };
-const ACRE = { name: "acres", si: 4046.8564224 };
+const ACRE = { name: t("acres"), si: 4046.8564224 };
 const LENGTHS = { metric: { name: "m", si: 1 }, us: FOOT, aviation: FOOT };
 const DISTANCES = { metric: { name: "km", si: 1000 }, us: { name: "mi", si: 1609.344 }, aviation: { name: "NM", si: 1852 } };
 const SPEEDS = {
@@ -24,7 +25,7 @@ type Optional = number | null | undefined;
 const isValue = (value: Optional): value is number => Number.isFinite(value);
 
 function text(value: number, unit: Unit, digits: number): string {
-  return `${(value / unit.si).toFixed(digits)} ${unit.name}`;
+  return `${decimal(value / unit.si, digits)} ${unit.name}`;
 }
 
 const tenths = (value: number, unit: Unit): number => (Math.abs(value / unit.si) < TENTHS_BELOW ? 1 : 0);
@@ -40,8 +41,8 @@ export const accuracy = (m: Optional): string =>
   isValue(m) ? `± ${text(m, LENGTHS[chosenUnits()], tenths(m, LENGTHS[chosenUnits()]))}` : "–";
 
 /** Heights above ground and above mean sea level: "394 ft AGL". */
-export const heightAgl = (m: Optional): string => `${length(m)} AGL`;
-export const heightMsl = (m: Optional): string => `${length(m)} MSL`;
+export const heightAgl = (m: Optional): string => t("{length} AGL", { length: length(m) });
+export const heightMsl = (m: Optional): string => t("{length} MSL", { length: length(m) });
 
 /** A distance: "850 m", "1.2 km", "0.7 NM". */
 export function distance(m: Optional): string {
@@ -100,21 +101,21 @@ export function duration(s: Optional): string {
   if (!isValue(s)) return "–";
   const whole = Math.round(s);
   if (whole < 60) return `${whole} s`;
-  if (whole < 3600) return whole % 60 ? `${Math.floor(whole / 60)} min ${whole % 60} s` : `${whole / 60} min`;
+  if (whole < 3600) return whole % 60 ? t("{minutes} min {seconds} s", { minutes: Math.floor(whole / 60), seconds: whole % 60 }) : t("{minutes} min", { minutes: whole / 60 });
   const minutes = Math.round(whole / 60);
-  return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+  return t("{hours} h {minutes} min", { hours: Math.floor(minutes / 60), minutes: minutes % 60 });
 }
 
 /** The time of the slider: "now", "forecast +45 min", "past, 30 min ago". */
 export function moment(inMin: number): string {
-  if (inMin === 0) return "now";
+  if (inMin === 0) return t("now");
   const size = Math.abs(inMin);
-  const text = size < 60 ? `${size} min` : `${Math.floor(size / 60)} h ${String(size % 60).padStart(2, "0")} min`;
-  return inMin > 0 ? `forecast +${text}` : `past, ${text} ago`;
+  const text = size < 60 ? t("{minutes} min", { minutes: size }) : t("{hours} h {minutes} min", { hours: Math.floor(size / 60), minutes: String(size % 60).padStart(2, "0") });
+  return inMin > 0 ? t("forecast +{time}", { time: text }) : t("past, {time} ago", { time: text });
 }
 
 /** The name of a direction, one of eight: "NE". */
 export function compass(deg: number): string {
-  const names = ["N", "NE", "E", "SE", "S", "SW", "W", "NW"];
-  return names[Math.round((((deg % 360) + 360) % 360) / 45) % 8] ?? "N";
+  const names = [t("N"), t("NE"), t("E"), t("SE"), t("S"), t("SW"), t("W"), t("NW")];
+  return names[Math.round((((deg % 360) + 360) % 360) / 45) % 8] ?? "";
 }

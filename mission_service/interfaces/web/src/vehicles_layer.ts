@@ -8,6 +8,7 @@ import {
   circleLayer, collection, empty, feature, fillLayer, type Group, iconLayer,
   labelLayer, type Layers, line, lineLayer, point, show,
 } from "./map.ts";
+import { t } from "./messages.ts";
 import { PALETTE } from "./palette.ts";
 import { type Store, TRACK_S, type TrackPoint } from "./store.ts";
 import { type Item, LOITER_UNLIMITED, type LonLat, type Mission, type Telemetry, type Vehicle } from "./types.ts";
@@ -63,14 +64,14 @@ function missionColour(): ExpressionSpecification {
 }
 
 export const VEHICLE_GROUPS: Record<string, Group> = {
-  tracks: { label: "Tracks (paler with age)", layers: ["tracks"], shown: true },
+  tracks: { label: t("Tracks (paler with age)"), layers: ["tracks"], shown: true },
   missions: {
-    label: "Missions",
+    label: t("Missions"),
     layers: ["mission-halo", "mission-path", "mission-item", "mission-number"],
     shown: true,
   },
-  orbits: { label: "Orbits", layers: ["orbits"], shown: true },
-  coverage: { label: "Coverage of orbits", layers: ["coverage"], shown: true },
+  orbits: { label: t("Orbits"), layers: ["orbits"], shown: true },
+  coverage: { label: t("Coverage of orbits"), layers: ["coverage"], shown: true },
 };
 
 /** Keep the sources of the vehicles up to date; select a vehicle that is clicked. */
@@ -139,7 +140,7 @@ function mark(store: Store, fix: Telemetry): GeoJSON.Feature {
 
 /** Name, height above ground (or home) and speed, or a lost link. */
 function labelOf(fix: Telemetry, vehicle: Vehicle | undefined, full: boolean): string {
-  if (vehicle?.link === "lost") return `${fix.vehicle}\nLINK LOST`;
+  if (vehicle?.link === "lost") return `${fix.vehicle}\n${t("LINK LOST")}`;
   if (!full) return fix.vehicle;
   const height = fix.height_agl_m ?? fix.altitude_relative_m;
   return `${fix.vehicle}\n${length(height)}  ${speed(fix.ground_speed_m_s)}`;

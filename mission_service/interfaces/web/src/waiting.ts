@@ -4,6 +4,7 @@
 import type { Alarms } from "./alarms.ts";
 import { h, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
+import { t } from "./messages.ts";
 import { beep } from "./sound.ts";
 import type { Store } from "./store.ts";
 
@@ -44,10 +45,10 @@ export function waitingButton(store: Store, alarms: Alarms, open: (panel: string
     const waiting = isLive() ? waitingIn(store) : [];
     button.hidden = waiting.length === 0;
     setText(count, String(waiting.length));
-    setText(noun, waiting.length === 1 ? " plan" : " plans");
-    setText(verb, waiting.length === 1 ? " waits" : " wait");
-    const names = waiting.map(({ vehicle }) => vehicle || "burn").join(", ");
-    button.title = `A decision is needed: ${names} (W)`;
+    setText(noun, ` ${t("{count, plural, one {plan} other {plans}}", { count: waiting.length })}`);
+    setText(verb, ` ${t("{count, plural, one {waits} other {wait}}", { count: waiting.length })}`);
+    const names = waiting.map(({ vehicle }) => vehicle || t("burn")).join(", ");
+    button.title = t("A decision is needed: {names} (W)", { names });
     const isNew = waiting.some(({ hash }) => !known.has(hash));
     const isDue = waiting.length > 0 && performance.now() - soundedAt > AGAIN_MS;
     known = new Set(waiting.map(({ hash }) => hash));
@@ -57,7 +58,7 @@ export function waitingButton(store: Store, alarms: Alarms, open: (panel: string
     }
   };
   button.addEventListener("click", show);
-  shortcut("w", "Show the plan that waits for a decision", show);
+  shortcut("w", t("Show the plan that waits for a decision"), show);
   store.on(["mission", "burn", "status"], renew);
   return button;
 }

@@ -1,6 +1,7 @@
 // A dial to draw the wind: the arrow has the direction of the wind, its length is the speed.
 
 import { h } from "./dom.ts";
+import { t } from "./messages.ts";
 import { colour } from "./preferences.ts";
 
 const SIZE = 180;
@@ -37,7 +38,7 @@ export function windDial(changed: (wind: Wind) => void): {
     height: SIZE * 2,
     class: "dial",
     role: "img",
-    "aria-label": "Wind dial: drag from the middle to the direction from which the wind blows",
+    "aria-label": t("Wind dial: drag from the middle to the direction from which the wind blows"),
   });
   const draw = (event: PointerEvent): void => {
     const box = canvas.getBoundingClientRect();
@@ -76,7 +77,7 @@ function paint(canvas: HTMLCanvasElement, now: Wind | null, entered: Wind | null
   pen.font = "bold 13px sans-serif";
   pen.textAlign = "center";
   pen.textBaseline = "middle";
-  for (const [name, x, y] of [["N", 0, -1], ["E", 1, 0], ["S", 0, 1], ["W", -1, 0]] as const) {
+  for (const [name, x, y] of [[t("N"), 0, -1], [t("E"), 1, 0], [t("S"), 0, 1], [t("W"), -1, 0]] as const) {
     pen.fillText(name, x * (RIM - 9), y * (RIM - 9));
   }
   if (now) arrow(pen, now, colour("--accent"), 3);

@@ -3,6 +3,7 @@
 import { get } from "../api.ts";
 import { coalesced } from "../coalesce.ts";
 import { h, setText } from "../dom.ts";
+import { t, word } from "../messages.ts";
 import type { Store } from "../store.ts";
 import { importanceText, makeStrip } from "../strip.ts";
 import type { Importance } from "../types.ts";
@@ -18,7 +19,7 @@ export class DecisionPart {
   private shownFor = "";
 
   constructor(private readonly store: Store) {
-    this.element = section("Next decision", this.strip.element, this.text);
+    this.element = section(t("Next decision"), this.strip.element, this.text);
     store.on(["chosen", "vehicle", "telemetry"], coalesced(() => this.refresh(), EVERY_MS));
   }
 
@@ -33,8 +34,8 @@ export class DecisionPart {
     this.shownFor = name;
     const why = notSteered(vehicle);
     if (why) {
-      this.strip.show(null, "No decision now");
-      setText(this.text, `The planner does not steer it: ${why}.`);
+      this.strip.show(null, t("No decision now"));
+      setText(this.text, t("The planner does not steer it: {why}.", { why }));
       return;
     }
     // A vehicle has importances after its first lap.
@@ -43,8 +44,8 @@ export class DecisionPart {
       : null;
     if (name !== this.store.chosen) return;
     const shown = importance !== null && importance.cells.length > 0 ? importance : null;
-    this.strip.show(shown, "No decision before arrival at the front");
-    const direction = vehicle.direction ? `Direction: ${vehicle.direction}` : "No direction yet";
+    this.strip.show(shown, t("No decision before arrival at the front"));
+    const direction = vehicle.direction ? t("Direction: {direction}", { direction: word(vehicle.direction) }) : t("No direction yet");
     setText(this.text, shown ? `${direction}; ${importanceText(shown)}.` : `${direction}.`);
   }
 }

@@ -7,6 +7,7 @@ import { fill, h, setReason, setText } from "../dom.ts";
 import type { ArrivalScale } from "../fire_layer.ts";
 import { acceptsChange, type Preview } from "../fire_preview.ts";
 import type { Group } from "../map.ts";
+import { t } from "../messages.ts";
 import type { Store } from "../store.ts";
 import { area, clock, compass, speed, speedUnit } from "../units.ts";
 import { type Wind, windDial } from "../wind_dial.ts";
@@ -20,11 +21,11 @@ interface Weather {
 }
 
 const KEY_COLOURS: [string, string][] = [
-  ["now", "Burned now"],
-  ["then", "Burned at the slider's time"],
-  ["burned", "Drawn: burned"],
-  ["burning", "Drawn: burning"],
-  ["unburned", "Drawn: unburned"],
+  ["now", t("Burned now")],
+  ["then", t("Burned at the slider's time")],
+  ["burned", t("Drawn: burned")],
+  ["burning", t("Drawn: burning")],
+  ["unburned", t("Drawn: unburned")],
 ];
 
 export class FirePanel {
@@ -39,7 +40,7 @@ export class FirePanel {
   private speed = h("input", { type: "number", min: 0, max: 60, step: "any", id: "wind-speed" });
   private speedLabel = h("label", { for: "wind-speed" });
   private current = h("p", { class: "words" });
-  private confirm = button("Set this wind", () => void this.setWind(), "Use this wind in the fire forecast from now on", "primary");
+  private confirm = button(t("Set this wind"), () => void this.setWind(), t("Use this wind in the fire forecast from now on"), "primary");
   private file = h("input", { type: "file", id: "perimeter", accept: ".geojson,.json,.kml,.kmz,.zip" });
 
   constructor(
@@ -54,18 +55,18 @@ export class FirePanel {
       this.size,
       this.warnings,
       arrivalsSection(store),
-      section("Shown on the map", h("div", { class: "checks" }, ...boxes), this.legend),
+      section(t("Shown on the map"), h("div", { class: "checks" }, ...boxes), this.legend),
       section(
-        "Wind",
+        t("Wind"),
         this.current,
         h("div", { class: "wind" }, this.dial.element, h("div", { class: "fields" },
-          h("label", { for: "wind-from" }, "From (°)"), this.from,
+          h("label", { for: "wind-from" }, t("From (°)")), this.from,
           this.speedLabel, this.speed,
           this.confirm)),
       ),
       section(
-        "Perimeter from a file",
-        h("label", { for: "perimeter" }, "GeoJSON, KML, KMZ or zipped Shapefile; or drop it on the map"),
+        t("Perimeter from a file"),
+        h("label", { for: "perimeter" }, t("GeoJSON, KML, KMZ or zipped Shapefile; or drop it on the map")),
         this.file,
       ),
       productsSection(store),
@@ -103,7 +104,7 @@ export class FirePanel {
   private async setWind(): Promise<void> {
     const wind = this.entered;
     if (!wind) return;
-    if (await attempt(`Wind ${windText(wind)}`, () => post("wind", wind))) this.entered = null;
+    if (await attempt(t("Wind {wind}", { wind: windText(wind) }), () => post("wind", wind))) this.entered = null;
     this.renew();
   }
 
@@ -112,15 +113,15 @@ export class FirePanel {
     if (!file) return;
     const reason = lacking(this.store, "correct");
     if (reason) return showMessage(reason, true);
-    await attempt(`Perimeter ${file.name}`, async () => {
+    await attempt(t("Perimeter {name}", { name: file.name }), async () => {
       const headers = { "Content-Type": file.type || "application/octet-stream" };
       const send = (query: string): Promise<Response> =>
         ask(`fire/perimeter${query}`, { method: "POST", body: file, headers });
       const preview = async (): Promise<Preview> => (await (await send("?preview=true")).json()) as Preview;
-      if (!(await acceptsChange(this.store, preview))) return { messages: ["not applied"] };
+      if (!(await acceptsChange(this.store, preview))) return { messages: [t("not applied")] };
       const answer = await send("");
       const { accepted } = (await answer.json()) as { accepted: { messages: string[] }[] };
-      return { messages: [`${accepted.length} outlines accepted`, ...accepted.flatMap((each) => each.messages)] };
+      return { messages: [t("{count, plural, one {# outline} other {# outlines}} accepted", { count: accepted.length }), ...accepted.flatMap((each) => each.messages)] };
     });
     this.file.value = "";
   }
@@ -128,17 +129,17 @@ export class FirePanel {
   private renew(): void {
     const { fire } = this.store.state ?? {};
     if (!fire) return;
-    setText(this.speedLabel, `Speed (${speedUnit().name})`);
-    setText(this.size, `${area(fire.area_ha * 1e4)} burned`);
-    const by = fire.wind_set_by ? `, set by ${fire.wind_set_by}` : "";
-    setText(this.current, this.now ? `Now ${windText(this.now, this.now.from_deg.toFixed(0))}${by}` : "Unknown");
+    setText(this.speedLabel, t("Speed ({unit})", { unit: speedUnit().name }));
+    setText(this.size, t("{area} burned", { area: area(fire.area_ha * 1e4) }));
+    const by = fire.wind_set_by ? t(", set by {wind_set_by}", { wind_set_by: fire.wind_set_by }) : "";
+    setText(this.current, this.now ? t("Now {wind}{by}", { wind: windText(this.now, this.now.from_deg.toFixed(0)), by }) : t("Unknown"));
     this.dial.show(this.now, this.entered);
     const reason = lacking(this.store, "correct");
     for (const input of [this.from, this.speed, this.file]) setReason(input, reason);
-    setReason(this.confirm, reason || (this.entered ? "" : "Draw or enter a wind first"));
+    setReason(this.confirm, reason || (this.entered ? "" : t("Draw or enter a wind first")));
     setText(
       this.confirm,
-      this.entered ? `Set: from ${this.entered.from_deg}°, ${speed(this.entered.speed_m_s)}` : "Set this wind",
+      this.entered ? t("Set: from {from_deg}°, {speed}", { from_deg: this.entered.from_deg, speed: speed(this.entered.speed_m_s) }) : t("Set this wind"),
     );
   }
 
@@ -153,9 +154,9 @@ export class FirePanel {
     fill(this.legend, ...KEY_COLOURS.map(([key, label]) => h("span", {}, h("i", { class: `key ${key}` }), label)));
     if (!scale) return;
     const bar = scaleBar(scale.scale.map(({ at_s, colour }) => [clock(at_s), colour]));
-    this.legend.append(h("strong", {}, "Fire arrives at (h:min)"), bar);
+    this.legend.append(h("strong", {}, t("Fire arrives at (h:min)")), bar);
   }
 }
 
 const windText = ({ from_deg, speed_m_s }: Wind, from = String(from_deg)): string =>
-  `from ${from}° (${compass(from_deg)}), ${speed(speed_m_s)}`;
+  t("from {from}° ({compass}), {speed}", { from, compass: compass(from_deg), speed: speed(speed_m_s) });

@@ -2,10 +2,12 @@
 // author, wind, settings, missions and alarms. Check boxes select the kinds of lines.
 
 import { fill, h } from "../dom.ts";
+import { t } from "../messages.ts";
+import { showPhoto, withoutName } from "../photos.ts";
 import type { Store } from "../store.ts";
 import type { Announcement, LogRecord, State } from "../types.ts";
 import { clock } from "../units.ts";
-import { section } from "./parts.ts";
+import { button, section } from "./parts.ts";
 
 const MAX_LINES = 200;
 
@@ -13,12 +15,12 @@ type Kind = "announcement" | LogRecord["kind"];
 type Line = Announcement & { kind: Kind };
 
 const KINDS: [Kind, string][] = [
-  ["announcement", "Announcements"],
-  ["fire", "Fire and wind"],
-  ["settings", "Settings"],
-  ["note", "Notes"],
-  ["mission", "Missions"],
-  ["alarm", "Alarms"],
+  ["announcement", t("Announcements")],
+  ["fire", t("Fire and wind")],
+  ["settings", t("Settings")],
+  ["note", t("Notes")],
+  ["mission", t("Missions")],
+  ["alarm", t("Alarms")],
 ];
 
 export function logPanel(store: Store): HTMLElement {
@@ -41,17 +43,17 @@ export function logPanel(store: Store): HTMLElement {
     const rows = state.alarms.map((alarm) =>
       h("li", { class: alarm.severity }, h("time", {}, clock(alarm.at_us / 1e6)), alarm.text),
     );
-    fill(alarms, ...(rows.length ? rows : [h("li", {}, "None.")]));
+    fill(alarms, ...(rows.length ? rows : [h("li", {}, t("None."))]));
     const found = linesOf(state).filter((line) => shown.has(line.kind)).slice(0, MAX_LINES);
-    fill(lines, ...(found.length ? found.map(row) : [h("li", {}, "None.")]));
+    fill(lines, ...(found.length ? found.map(row) : [h("li", {}, t("None."))]));
   }
 
   store.on(["announcements", "records", "alarms"], renew);
   return h(
     "div",
     { class: "panel" },
-    section("Active alarms", alarms),
-    section("Log", h("div", { class: "checks" }, ...boxes), lines),
+    section(t("Active alarms"), alarms),
+    section(t("Log"), h("div", { class: "checks" }, ...boxes), lines),
   );
 }
 
@@ -63,6 +65,9 @@ function linesOf(state: State): Line[] {
 
 function row(line: Line): HTMLElement {
   const vehicle = line.vehicle ? `${line.vehicle}: ` : "";
-  const text = line.text.startsWith(vehicle) ? line.text : vehicle + line.text;
-  return h("li", { class: line.level }, h("time", {}, clock(line.at_us / 1e6)), text);
+  const note = "photo" in line ? (line as LogRecord) : null;
+  const words = note ? withoutName(note) : line.text;
+  const text = words.startsWith(vehicle) ? words : vehicle + words;
+  const photo = note?.photo && button(t("Photo"), () => void showPhoto(note), t("Show the photo of this note"));
+  return h("li", { class: line.level }, h("time", {}, clock(line.at_us / 1e6)), text, photo);
 }

@@ -3,6 +3,7 @@
 import { attempt, lacking } from "../actions.ts";
 import { post } from "../api.ts";
 import { fill, h, setReason } from "../dom.ts";
+import { t, word } from "../messages.ts";
 import { chosenUnits } from "../preferences.ts";
 import type { Store } from "../store.ts";
 import type { Mission, Preview } from "../types.ts";
@@ -18,10 +19,10 @@ export class MissionPart {
 
   constructor(private readonly store: Store) {
     this.controls = [
-      button("Preview", () => void this.showPreview(), "Show the mission that would be sent now"),
-      button("Plan and send now", () => this.request("renew", {}), "Plan a new mission and send it"),
+      button(t("Preview"), () => void this.showPreview(), t("Show the mission that would be sent now")),
+      button(t("Plan and send now"), () => this.request("renew", {}), t("Plan a new mission and send it")),
     ];
-    this.element = section("Mission", h("div", { class: "row orders" }, ...this.controls), this.body);
+    this.element = section(t("Mission"), h("div", { class: "row orders" }, ...this.controls), this.body);
     store.on(["mission", "chosen"], () => this.renew());
   }
 
@@ -30,14 +31,14 @@ export class MissionPart {
   }
 
   private request(action: string, body: object): void {
-    void attempt(`Mission: ${action}`, () => post(this.path(action), body)).then((done) => {
+    void attempt(t("Mission: {action}", { action: word(action) }), () => post(this.path(action), body)).then((done) => {
       if (done) this.preview = null;
       this.renew(true);
     });
   }
 
   private async showPreview(): Promise<void> {
-    await attempt("Preview", async () => {
+    await attempt(t("Preview"), async () => {
       this.preview = await post<Preview>(this.path("preview"));
     });
     this.renew(true);
@@ -67,15 +68,15 @@ export class MissionPart {
   private question(mission: Mission): HTMLElement {
     const hash = { hash: mission.mission_hash };
     const answers = [
-      button("Accept", () => this.request("accept", hash), "Send exactly this mission", "go"),
-      button("Refuse", () => this.request("refuse", hash), "Discard this mission", "no-go"),
+      button(t("Accept"), () => this.request("accept", hash), t("Send exactly this mission"), "go"),
+      button(t("Refuse"), () => this.request("refuse", hash), t("Discard this mission"), "no-go"),
     ];
     for (const answer of answers) setReason(answer, lacking(this.store, "fly"));
     return h(
       "div",
       { class: "question" },
-      h("strong", {}, `This mission needs your decision: ${mission.why}`),
-      h("p", {}, `${mission.items.length} items · hash ${mission.mission_hash.slice(0, 12)}`),
+      h("strong", {}, t("This mission needs your decision: {why}", { why: mission.why })),
+      h("p", {}, t("{count, plural, one {# item} other {# items}} · hash {hash}", { count: mission.items.length, hash: mission.mission_hash.slice(0, 12) })),
       h("div", { class: "row" }, ...answers),
     );
   }
@@ -86,16 +87,16 @@ function previewed({ figures: values, difference, mission_hash }: Preview): HTML
     "div",
     {},
     figures([
-      ["Lowest height", heightAgl(values.min_height_agl_m)],
-      ["Length", distance(values.length_m)],
-      ["Farthest from home", distance(values.farthest_from_home_m)],
-      ["Highest", values.highest_amsl_m === null ? null : heightMsl(values.highest_amsl_m)],
+      [t("Lowest height"), heightAgl(values.min_height_agl_m)],
+      [t("Length"), distance(values.length_m)],
+      [t("Farthest from home"), distance(values.farthest_from_home_m)],
+      [t("Highest"), values.highest_amsl_m === null ? null : heightMsl(values.highest_amsl_m)],
       [
-        "Changes to the mission on board",
-        `${difference.added} items added, ${difference.removed} removed, moved by up to ${length(difference.farthest_moved_m)}`,
+        t("Changes to the mission on board"),
+        t("{added, plural, one {# item} other {# items}} added, {removed} removed, moved by up to {length}", { added: difference.added, removed: difference.removed, length: length(difference.farthest_moved_m) }),
       ],
-      ["Outside the landscape", values.outside_landscape ? "YES" : null],
-      ["Hash", mission_hash.slice(0, 12)],
+      [t("Outside the landscape"), values.outside_landscape ? t("YES") : null],
+      [t("Hash"), mission_hash.slice(0, 12)],
     ]),
     ...values.problems.map((problem) => h("p", { class: "bad" }, problem)),
   );

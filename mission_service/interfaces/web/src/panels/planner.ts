@@ -3,21 +3,22 @@
 import { attempt, lacking } from "../actions.ts";
 import { get, post } from "../api.ts";
 import { fill, h, setReason } from "../dom.ts";
+import { t } from "../messages.ts";
 import type { Store } from "../store.ts";
 import type { Planner } from "../types.ts";
 import { button, figures, section } from "./parts.ts";
 
 const TUNABLE: [string, string, number][] = [
-  ["alpha", "α: assumed unevenness of the fire (0: no reversals)", 0.1],
-  ["reversal_margin", "Minimum gain of a reversal (1 = 100 %)", 0.05],
-  ["dwell_s", "Minimum time between reversals (s)", 5],
+  ["alpha", t("α: assumed unevenness of the fire (0: no reversals)"), 0.1],
+  ["reversal_margin", t("Minimum gain of a reversal (1 = 100 %)"), 0.05],
+  ["dwell_s", t("Minimum time between reversals (s)"), 5],
 ];
 
 export class PlannerPanel {
   readonly element = h("div", { class: "panel" });
   private fields = new Map<string, HTMLInputElement>();
   private rest = h("div");
-  private save = button("Use from now on", () => void this.send(), "", "primary");
+  private save = button(t("Use from now on"), () => void this.send(), "", "primary");
 
   constructor(private readonly store: Store) {
     const form = h("div", { class: "fields" });
@@ -26,7 +27,7 @@ export class PlannerPanel {
       this.fields.set(key, field);
       form.append(h("label", { for: `planner-${key}` }, label), field);
     }
-    this.element.append(section("Planner", form, this.save), section("All settings", this.rest));
+    this.element.append(section(t("Planner"), form, this.save), section(t("All settings"), this.rest));
     store.on(["status"], () => this.renew());
   }
 
@@ -36,7 +37,7 @@ export class PlannerPanel {
     for (const [key, field] of this.fields) {
       if (field.value !== "" && field.valueAsNumber !== planner[key]) body[key] = field.valueAsNumber;
     }
-    await attempt("Planner", () => post("planner", body, "PATCH"));
+    await attempt(t("Planner"), () => post("planner", body, "PATCH"));
     if (this.store.state) this.store.state.planner = await get<Planner>("planner");
     this.renew();
   }
@@ -46,7 +47,7 @@ export class PlannerPanel {
     const reason = lacking(this.store, "fly");
     for (const [key, field] of this.fields) {
       const has = typeof planner[key] === "number";
-      setReason(field, reason || (has ? "" : "This rule does not have this setting"));
+      setReason(field, reason || (has ? "" : t("This rule does not have this setting")));
       if (document.activeElement !== field) field.value = has ? String(planner[key]) : "";
     }
     setReason(this.save, reason);

@@ -3,22 +3,23 @@
 import { attempt, lacking } from "../actions.ts";
 import { post } from "../api.ts";
 import { fill, h, setReason, setText } from "../dom.ts";
+import { t } from "../messages.ts";
 import type { Store } from "../store.ts";
 import type { Check, Vehicle } from "../types.ts";
 import { button, section } from "./parts.ts";
 
-const MARKS: Record<Check["state"], string> = { fail: "✗ fails", unknown: "? unknown", pass: "✓ passes" };
+const MARKS: Record<Check["state"], string> = { fail: `✗ ${t("fails")}`, unknown: `? ${t("unknown")}`, pass: `✓ ${t("passes")}` };
 
 export class PreflightPart {
   readonly element: HTMLElement;
-  private checks = h("ul", { class: "preflight", "aria-label": "Pre-flight checks" });
+  private checks = h("ul", { class: "preflight", "aria-label": t("Pre-flight checks") });
   private passing = h("ul", { class: "preflight" });
   private count = h("summary");
   private rest = h("details", {}, this.count, this.passing);
   private state = h("p");
   private reason = h("input", { type: "text", maxlength: 200, id: "override", autocomplete: "off" });
-  private override = h("label", { for: "override" }, "Reason to override the failing checks", this.reason);
-  private takeoff = button("Sign off and take off", () => this.signOff());
+  private override = h("label", { for: "override" }, t("Reason to override the failing checks"), this.reason);
+  private takeoff = button(t("Sign off and take off"), () => this.signOff());
   private shown = "";
   private vehicle = "";
 
@@ -26,7 +27,7 @@ export class PreflightPart {
     this.takeoff.classList.add("takeoff");
     this.reason.addEventListener("input", () => this.renew());
     const parts = [this.checks, this.rest, this.state, this.override, h("div", { class: "row orders" }, this.takeoff)];
-    this.element = section("Pre-flight checks", ...parts);
+    this.element = section(t("Pre-flight checks"), ...parts);
     store.on(["vehicle", "chosen"], () => this.renew());
     this.renew();
   }
@@ -36,7 +37,7 @@ export class PreflightPart {
     const path = `vehicles/${encodeURIComponent(chosen)}/takeoff`;
     const failing = failingChecks(this.store.vehicles.get(chosen));
     const override = failing.length ? this.reason.value.trim() : "";
-    void attempt(`Takeoff ${chosen}`, () => post(path, { override })).then((done) => {
+    void attempt(t("Takeoff {vehicle}", { vehicle: chosen }), () => post(path, { override })).then((done) => {
       if (done) this.reason.value = "";
       this.renew();
     });
@@ -54,9 +55,9 @@ export class PreflightPart {
     const failing = failingChecks(vehicle);
     setText(this.state, stateText(vehicle));
     this.override.hidden = !failing.length;
-    const reasonLacks = failing.length && !this.reason.value.trim() ? "A check fails: give the reason to override it" : "";
+    const reasonLacks = failing.length && !this.reason.value.trim() ? t("A check fails: give the reason to override it") : "";
     setReason(this.takeoff, lacking(this.store, "fly") || reasonLacks);
-    setText(this.takeoff, failing.length ? "Override and take off" : "Sign off and take off");
+    setText(this.takeoff, failing.length ? t("Override and take off") : t("Sign off and take off"));
   }
 
   private list(checks: Check[]): void {
@@ -64,7 +65,7 @@ export class PreflightPart {
     const passing = of("pass");
     fill(this.checks, ...of("fail"), ...of("unknown"));
     fill(this.passing, ...passing);
-    setText(this.count, `${passing.length} of ${checks.length} checks pass`);
+    setText(this.count, t("{count} of {all} checks pass", { count: passing.length, all: checks.length }));
     this.rest.hidden = !passing.length;
   }
 }
@@ -74,8 +75,8 @@ export function failingChecks(vehicle: Vehicle | undefined): Check[] {
 }
 
 function stateText(vehicle: Vehicle): string {
-  if (vehicle.signed_off_by) return `Takeoff signed off by ${vehicle.signed_off_by}.`;
-  return vehicle.waits_for_signoff ? "Takes off only after a sign-off." : "The scenario starts it without a sign-off.";
+  if (vehicle.signed_off_by) return t("Takeoff signed off by {name}.", { name: vehicle.signed_off_by });
+  return vehicle.waits_for_signoff ? t("Takes off only after a sign-off.") : t("The scenario starts it without a sign-off.");
 }
 
 function row(check: Check): HTMLElement {

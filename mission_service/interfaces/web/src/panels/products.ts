@@ -3,6 +3,7 @@
 import { attempt, showMessage } from "../actions.ts";
 import { ask, Refused } from "../api.ts";
 import { h } from "../dom.ts";
+import { t } from "../messages.ts";
 import type { Store } from "../store.ts";
 import { button, section } from "./parts.ts";
 
@@ -10,20 +11,20 @@ const RELEASED_MS = 60_000;
 
 /** The section with the button; the products take up to a minute. */
 export function productsSection(store: Store): HTMLElement {
-  const make = button("Download maps and files", () => void download(), "PDF and PNG maps, KMZ, GeoPackage, Shapefile, GeoTIFF");
+  const make = button(t("Download maps and files"), () => void download(), t("PDF and PNG maps, KMZ, GeoPackage, Shapefile, GeoTIFF"));
   const download = async (): Promise<void> => {
     make.disabled = true;
-    showMessage("The service makes the products; this takes up to a minute");
-    await attempt("Products", async () => {
+    showMessage(t("The service makes the products; this takes up to a minute"));
+    await attempt(t("Products"), async () => {
       const answer = await made(store);
       const link = h("a", { href: URL.createObjectURL(await answer.blob()), download: "products.zip" });
       link.click();
       setTimeout(() => URL.revokeObjectURL(link.href), RELEASED_MS);
-      showMessage("The products were saved as products.zip");
+      showMessage(t("The products were saved as products.zip"));
     });
     make.disabled = false;
   };
-  return section("For crews and incident staff", make);
+  return section(t("For crews and incident staff"), make);
 }
 
 /** The products; without a `time_zero` of the scenario, calendar times follow from the present time of the service. */

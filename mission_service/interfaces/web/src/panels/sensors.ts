@@ -2,6 +2,7 @@
 
 import { fill, h, setText } from "../dom.ts";
 import type { Group } from "../map.ts";
+import { count, t } from "../messages.ts";
 import { colourOf } from "../observation_layer.ts";
 import type { Store } from "../store.ts";
 import type { Source } from "../types.ts";
@@ -11,16 +12,14 @@ import { layerBox, type Toggle } from "./parts.ts";
 
 // In the order of the list: sources that need attention come first.
 const WORDS: Record<Source["state"], string> = {
-  failed: "failed",
-  contradicts: "contradicts others",
-  silent: "silent",
-  late: "late",
-  waiting: "waiting",
-  live: "live",
+  failed: t("failed"),
+  contradicts: t("contradicts others"),
+  silent: t("silent"),
+  late: t("late"),
+  waiting: t("waiting"),
+  live: t("live"),
 };
 const ORDER = Object.keys(WORDS);
-const count = (value: number): string => value.toLocaleString("en");
-const counted = (value: number, noun: string): string => `${count(value)} ${noun}${value === 1 ? "" : "s"}`;
 
 interface Row {
   item: HTMLElement;
@@ -34,13 +33,13 @@ interface Row {
 export class SensorsPanel {
   readonly element = h("div", { class: "panel" });
   private title = h("p", { class: "big" });
-  private list = h("ul", { class: "sources", "aria-label": "Sources of observations" });
+  private list = h("ul", { class: "sources", "aria-label": t("Sources of observations") });
   private rows = new Map<string, Row>();
 
   constructor(private readonly store: Store, groups: Record<string, Group>, toggle: Toggle) {
     this.element.append(
       this.title,
-      layerBox("observations", { ...groups.observations!, label: "Show the observations on the map" }, toggle, "show-observed"),
+      layerBox("observations", { ...groups.observations!, label: t("Show the observations on the map") }, toggle, "show-observed"),
       new ImagesPart(store, toggle).element,
       this.list,
     );
@@ -54,7 +53,7 @@ export class SensorsPanel {
     const names = sources.map(({ source }) => source);
     if (names.join("\n") !== [...this.rows.keys()].join("\n")) this.makeRows(sources);
     const live = sources.filter(({ state }) => state === "live").length;
-    setText(this.title, sources.length ? `${live} of ${sources.length} sources live` : "No observations yet");
+    setText(this.title, sources.length ? t("{live} of {all} sources live", { live, all: sources.length }) : t("No observations yet"));
     for (const source of sources) this.renewRow(source);
   }
 
@@ -84,18 +83,18 @@ export class SensorsPanel {
   private renewRow(source: Source): void {
     const row = this.rows.get(source.source)!;
     row.state.className = `state ${source.state}`;
-    setText(row.state, source.kind === "person" && source.state === "live" ? "person" : WORDS[source.state]);
+    setText(row.state, source.kind === "person" && source.state === "live" ? t("person") : WORDS[source.state]);
     setText(row.last, this.lastText(source));
     setText(row.total, totalText(source));
     const { burned_cells, unburned_cells } = source;
-    setText(row.cells, source.observations ? `Cells: ${count(burned_cells)} burned, ${count(unburned_cells)} unburned` : "");
+    setText(row.cells, source.observations ? t("Cells: {burned} burned, {unburned} unburned", { burned: count(burned_cells), unburned: count(unburned_cells) }) : "");
     setText(row.problem, source.problem);
   }
 
   private lastText({ last_at_us, usual_interval_s }: Source): string {
-    if (last_at_us === null) return "No observation yet";
-    const age = `Last ${duration(Math.max(0, this.store.nowS - last_at_us / 1e6))} ago`;
-    return usual_interval_s === null ? age : `${age}, usually every ${interval(usual_interval_s)}`;
+    if (last_at_us === null) return t("No observation yet");
+    const age = t("Last {duration} ago", { duration: duration(Math.max(0, this.store.nowS - last_at_us / 1e6)) });
+    return usual_interval_s === null ? age : t("{age}, usually every {interval}", { age, interval: interval(usual_interval_s) });
   }
 }
 
@@ -103,6 +102,6 @@ const interval = (s: number): string => (s < 10 ? `${s} s` : duration(s));
 
 function totalText({ observations, position_sd_m, not_used }: Source): string {
   if (!observations) return "";
-  const unused = not_used ? `, ${count(not_used)} not used` : "";
-  return `${counted(observations, "observation")}${unused}, ${accuracy(position_sd_m)}`;
+  const unused = not_used ? t(", {count} not used", { count: count(not_used) }) : "";
+  return `${t("{count, plural, one {# observation} other {# observations}}", { count: observations })}${unused}, ${accuracy(position_sd_m)}`;
 }

@@ -5,6 +5,7 @@ import { download, post } from "../api.ts";
 import { confirmed } from "../dialogs.ts";
 import { fill, h, setReason, setText } from "../dom.ts";
 import { shortcut } from "../keys.ts";
+import { t, word } from "../messages.ts";
 import type { Store } from "../store.ts";
 import type { Mission, Vehicle } from "../types.ts";
 import { clock, duration, heightAgl, heightMsl, length, speed } from "../units.ts";
@@ -15,12 +16,12 @@ import { MissionPart } from "./mission.ts";
 import { PreflightPart, failingChecks } from "./preflight.ts";
 
 const ORDERS: [string, string, string][] = [
-  ["hold", "Hold", "Circle or hover at the current place"],
-  ["resume", "Resume", "Continue under the planner"],
-  ["return", "Return", "Fly home"],
-  ["land", "Land", "Land at home, into the wind"],
-  ["go-around", "Go around", "Break off the landing, climb and hold"],
-  ["start", "Start", "Arm and fly the mission on board"],
+  ["hold", t("Hold"), t("Circle or hover at the current place")],
+  ["resume", t("Resume"), t("Continue under the planner")],
+  ["return", t("Return"), t("Fly home")],
+  ["land", t("Land"), t("Land at home, into the wind")],
+  ["go-around", t("Go around"), t("Break off the landing, climb and hold")],
+  ["start", t("Start"), t("Arm and fly the mission on board")],
 ];
 
 interface Answer {
@@ -30,7 +31,7 @@ interface Answer {
 
 export class VehiclesPanel {
   readonly element = h("div", { class: "panel" });
-  private list = h("ul", { class: "vehicles", "aria-label": "Vehicles" });
+  private list = h("ul", { class: "vehicles", "aria-label": t("Vehicles") });
   private rows = new Map<string, { row: HTMLButtonElement; state: HTMLElement; motion: HTMLElement }>();
   private title = h("h3");
   private does = h("p", { class: "does" });
@@ -45,24 +46,24 @@ export class VehiclesPanel {
     this.decision = new DecisionPart(store);
     this.mission = new MissionPart(store);
     this.preflight = new PreflightPart(store);
-    const all = this.ordersFor(() => "", "all vehicles");
-    const one = this.ordersFor(() => this.store.chosen, "this vehicle");
+    const all = this.ordersFor(() => "", t("all vehicles"));
+    const one = this.ordersFor(() => this.store.chosen, t("this vehicle"));
     this.element.append(
-      h("div", {}, this.list, h("div", { class: "row all orders" }, h("span", {}, "All:"), ...all)),
+      h("div", {}, this.list, h("div", { class: "row all orders" }, h("span", {}, t("All:")), ...all)),
       h("div", { class: "card" }, this.title, this.does, this.tiles, h("div", { class: "row orders" }, ...one), this.preflight.element, this.decision.element),
       h("div", {}, this.facts),
       h(
         "div",
         {},
         this.mission.element,
-        button("Download .plan", () => void this.save(), "The mission on board, for QGroundControl"),
+        button(t("Download .plan"), () => void this.save(), t("The mission on board, for QGroundControl")),
       ),
     );
-    shortcut("n", "Next vehicle", () => this.step(1));
-    shortcut("p", "Previous vehicle", () => this.step(-1));
-    shortcut("h", "Hold the chosen vehicle", () => this.order("hold", store.chosen));
-    shortcut("r", "Resume the chosen vehicle", () => this.order("resume", store.chosen));
-    shortcut("H", "Hold all vehicles", () => this.order("hold", ""));
+    shortcut("n", t("Next vehicle"), () => this.step(1));
+    shortcut("p", t("Previous vehicle"), () => this.step(-1));
+    shortcut("h", t("Hold the chosen vehicle"), () => this.order("hold", store.chosen));
+    shortcut("r", t("Resume the chosen vehicle"), () => this.order("resume", store.chosen));
+    shortcut("H", t("Hold all vehicles"), () => this.order("hold", ""));
     store.on(["vehicle", "telemetry", "mission", "chosen"], () => this.renew());
   }
 
@@ -78,7 +79,8 @@ export class VehiclesPanel {
   private order(order: string, vehicle: string): void {
     if (lacking(this.store, "fly")) return;
     const path = `vehicles/${encodeURIComponent(vehicle || "all")}/${order}`;
-    void attempt(`${order} ${vehicle || "all"}`, () => ordered(path));
+    const label = ORDERS.find(([name]) => name === order)?.[1];
+    void attempt(`${label} ${vehicle || t("all vehicles")}`, () => ordered(path));
   }
 
   private step(by: number): void {
@@ -90,7 +92,7 @@ export class VehiclesPanel {
 
   private async save(): Promise<void> {
     const name = this.store.chosen;
-    await attempt("Download", () => download(`vehicles/${encodeURIComponent(name)}/mission.plan`, `${name}.plan`));
+    await attempt(t("Download"), () => download(`vehicles/${encodeURIComponent(name)}/mission.plan`, `${name}.plan`));
   }
 
   private renew(): void {
@@ -100,7 +102,7 @@ export class VehiclesPanel {
     if (names.join() !== [...this.rows.keys()].join()) this.makeRows(names);
     for (const [name, { row, state, motion }] of this.rows) this.renewRow(name, row, state, motion);
     const vehicle = store.vehicles.get(store.chosen);
-    setText(this.title, vehicle ? `${vehicle.vehicle} · ${vehicle.stack} ${vehicle.kind}` : "No vehicle");
+    setText(this.title, vehicle ? `${vehicle.vehicle} · ${vehicle.stack} ${word(vehicle.kind)}` : t("No vehicle"));
     setText(this.does, vehicle ? doesAndWhy(store, vehicle) : "");
     const tiles = vehicle ? tilesOf(store, vehicle) : [];
     const tilesText = JSON.stringify(tiles);
@@ -142,7 +144,7 @@ export class VehiclesPanel {
     setText(state, shortState(vehicle));
     setText(
       motion,
-      fix ? `${length(fix.height_agl_m ?? fix.altitude_relative_m)} · ${speed(fix.ground_speed_m_s)}` : "no position yet",
+      fix ? `${length(fix.height_agl_m ?? fix.altitude_relative_m)} · ${speed(fix.ground_speed_m_s)}` : t("no position yet"),
     );
   }
 
@@ -152,31 +154,35 @@ export class VehiclesPanel {
     const mission = store.missions.get(vehicle.vehicle);
     return [
       [
-        "State",
-        `link ${vehicle.link === "never heard" ? "not connected" : vehicle.link}, mode ${vehicle.mode || "unknown"}, ${vehicle.armed ? "armed" : "disarmed"}`,
+        t("State"),
+        t("link {link}, mode {mode}, {armed}", { link: word(vehicle.link), mode: vehicle.mode || word("unknown"), armed: word(vehicle.armed ? "armed" : "disarmed") }),
       ],
-      ["Links", linksText(vehicle, store.nowS)],
-      ["Order", vehicle.order || null],
-      ["Landing", vehicle.landing || null],
-      ["Relief", vehicle.relief || null],
-      ["If the link is lost", lostLinkText(vehicle)],
-      ["Energy", energyText(vehicle)],
-      ["Remote ID", vehicle.remote_id || null],
-      ["Position", vehicle.position_good ? null : `NOT GOOD: ${vehicle.position_fix}`],
-      ["Height", fix ? `${heightAgl(fix.height_agl_m)}, ${heightMsl(fix.altitude_amsl_m)}` : "–"],
-      ["Motion", fix ? `${speed(fix.ground_speed_m_s)}, heading ${fix.heading_deg.toFixed(0)}°` : "–"],
+      [t("Links"), linksText(vehicle, store.nowS)],
+      [t("Order"), word(vehicle.order) || null],
+      [t("Landing"), word(vehicle.landing) || null],
+      [t("Relief"), word(vehicle.relief) || null],
+      [t("If the link is lost"), lostLinkText(vehicle)],
+      [t("Energy"), energyText(vehicle)],
+      [t("Remote ID"), vehicle.remote_id || null],
+      [t("Position"), vehicle.position_good ? null : t("NOT GOOD: {position_fix}", { position_fix: vehicle.position_fix })],
+      [t("Height"), fix ? `${heightAgl(fix.height_agl_m)}, ${heightMsl(fix.altitude_amsl_m)}` : "–"],
+      [t("Motion"), fix ? t("{speed}, heading {heading_deg}°", { speed: speed(fix.ground_speed_m_s), heading_deg: fix.heading_deg.toFixed(0) }) : "–"],
       // A replay sends no mission to the vehicle.
-      [store.state?.replay ? "Simulated mission" : "On board", missionText(mission?.on_board ?? null, vehicle)],
-      ["In transfer", mission?.sending ? missionText(mission.sending, null) : null],
+      [store.state?.replay ? t("Simulated mission") : t("On board"), missionText(mission?.on_board ?? null, vehicle)],
+      [t("In transfer"), mission?.sending ? missionText(mission.sending, null) : null],
       [
-        "Last reversal",
+        t("Last reversal"),
         vehicle.reversed_at_us === null
-          ? vehicle.decisions ? "not yet" : null
-          : `at ${clock(vehicle.reversed_at_us / 1e6)}, ${duration(store.nowS - vehicle.reversed_at_us / 1e6)} ago; ${vehicle.reversals} in total`,
+          ? vehicle.decisions ? t("not yet") : null
+          : t("at {clock}, {duration} ago; {reversals} in total", { clock: clock(vehicle.reversed_at_us / 1e6), duration: duration(store.nowS - vehicle.reversed_at_us / 1e6), reversals: vehicle.reversals }),
       ],
       [
-        "Orbit",
-        vehicle.orbit ? `radius ${length(Math.abs(vehicle.orbit.radius_m))}, ${vehicle.orbit.radius_m < 0 ? "anticlockwise" : "clockwise"}, camera width ${length(vehicle.orbit.view_width_m)}` : null,
+        t("Orbit"),
+        vehicle.orbit ? t("radius {radius}, {direction}, camera width {width}", {
+          radius: length(Math.abs(vehicle.orbit.radius_m)),
+          direction: word(vehicle.orbit.radius_m < 0 ? "anticlockwise" : "clockwise"),
+          width: length(vehicle.orbit.view_width_m),
+        }) : null,
       ],
     ];
   }
@@ -187,80 +193,80 @@ async function ordered(path: string): Promise<Answer> {
   const answer = await post<Answer>(path);
   if (!answer.confirm) return answer;
   const question = answer.messages.map((line) => line.replace(/^confirm:\s*/, "")).join("\n");
-  if (!(await confirmed(question))) return { messages: ["not confirmed, no order sent"] };
+  if (!(await confirmed(question))) return { messages: [t("not confirmed, no order sent")] };
   return post<Answer>(path, { confirmed: true });
 }
 
 /** The figures of a vehicle's card: name, value, and its urgency. */
 function tilesOf(store: Store, vehicle: Vehicle): [string, string, string][] {
   const onTaskS = vehicle.time_on_task_s;
-  const left = onTaskS === null ? "unknown" : onTaskS > 0 ? `${Math.floor(onTaskS / 60)} min` : "NONE";
+  const left = onTaskS === null ? t("unknown") : onTaskS > 0 ? t("{minutes} min", { minutes: Math.floor(onTaskS / 60) }) : t("NONE");
   const lossPct = vehicle.links.find((link) => link.in_use)?.loss_pct ?? null;
-  const link = vehicle.link !== "online" ? vehicle.link : lossPct === null || lossPct < 1 ? "online" : `online, ${lossPct.toFixed(0)} % lost`;
+  const link = vehicle.link !== "online" || lossPct === null || lossPct < 1 ? word(vehicle.link) : t("online, {percent} % lost", { percent: lossPct.toFixed(0) });
   return [
-    ["On task for", left, onTaskS !== null && onTaskS <= 0 ? "bad" : ""],
-    ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`, ""],
-    ["Link", link, vehicle.link === "lost" ? "bad" : ""],
-    ["Next", nextWords(store, vehicle), "wide"],
+    [t("On task for"), left, onTaskS !== null && onTaskS <= 0 ? "bad" : ""],
+    [t("Battery"), vehicle.battery_pct === null ? t("unknown") : `${vehicle.battery_pct.toFixed(0)} %`, ""],
+    [t("Link"), link, vehicle.link === "lost" ? "bad" : ""],
+    [t("Next"), nextWords(store, vehicle), "wide"],
   ];
 }
 
 function shortState(vehicle: Vehicle): string {
-  if (vehicle.link === "lost") return "LINK LOST";
-  if (vehicle.link === "never heard") return "no heartbeat yet";
+  if (vehicle.link === "lost") return t("LINK LOST");
+  if (vehicle.link === "never heard") return t("no heartbeat yet");
   const battery = vehicle.battery_pct === null ? "" : ` · ${vehicle.battery_pct.toFixed(0)} %`;
   const energy = vehicle.time_on_task_s === null ? "" : ` · ${timesText(vehicle)}`;
-  const landing = vehicle.landing ? ` · LANDING: ${vehicle.landing}` : "";
-  const order = landing || (vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "");
-  const relief = vehicle.relief ? ` · ${vehicle.relief}` : "";
+  const landing = vehicle.landing ? t(" · LANDING: {landing}", { landing: word(vehicle.landing) }) : "";
+  const order = landing || (vehicle.order ? ` · ${word(vehicle.order).toUpperCase()}` : "");
+  const relief = vehicle.relief ? ` · ${word(vehicle.relief)}` : "";
   const silent = vehicle.links.length > 1 && vehicle.links.some((link) => link.state === "silent");
-  const oneLink = silent ? " · ONE LINK" : "";
-  return `${vehicle.mode || "mode?"}${battery}${energy}${oneLink}${order}${relief}${takeoffText(vehicle)}`;
+  const oneLink = silent ? t(" · ONE LINK") : "";
+  return `${vehicle.mode || t("mode?")}${battery}${energy}${oneLink}${order}${relief}${takeoffText(vehicle)}`;
 }
 
 /** For a vehicle on the ground: whether checks fail, or its takeoff waits for a sign-off. */
 function takeoffText(vehicle: Vehicle): string {
   const failing = failingChecks(vehicle);
-  if (failing.length) return ` · NO-GO: ${failing.map((check) => check.name).join(", ")}`;
-  return vehicle.checks.length && vehicle.waits_for_signoff ? " · waits for sign-off" : "";
+  if (failing.length) return t(" · NO-GO: {failing}", { failing: failing.map((check) => check.name).join(", ") });
+  return vehicle.checks.length && vehicle.waits_for_signoff ? t(" · waits for sign-off") : "";
 }
 
 /** The times left by the vehicle's energy: "12 min on task, 3 min home". */
 function timesText(vehicle: Vehicle): string {
   const onTaskS = vehicle.time_on_task_s ?? 0;
-  const onTask = onTaskS > 0 ? `${Math.floor(onTaskS / 60)} min on task` : "NO TIME ON TASK";
-  const home = vehicle.time_home_s === null ? "no way home against the wind" : `${Math.ceil(vehicle.time_home_s / 60)} min home`;
+  const onTask = onTaskS > 0 ? t("{minutes} min on task", { minutes: Math.floor(onTaskS / 60) }) : t("NO TIME ON TASK");
+  const home = vehicle.time_home_s === null ? t("no way home against the wind") : t("{minutes} min home", { minutes: Math.ceil(vehicle.time_home_s / 60) });
   return `${onTask}, ${home}`;
 }
 
 function energyText(vehicle: Vehicle): string | null {
-  return vehicle.time_on_task_s === null ? null : `${timesText(vehicle)} (source: ${vehicle.energy_source})`;
+  return vehicle.time_on_task_s === null ? null : t("{times} (source: {energy_source})", { times: timesText(vehicle), energy_source: vehicle.energy_source });
 }
 
 /** The reaction to a lost link, the height of a return and the reaction to a breached fence. */
 function lostLinkText(vehicle: Vehicle): string | null {
   if (vehicle.link === "never heard") return null;
-  if (!vehicle.lost_link) return "unknown";
-  const height = vehicle.return_height_m === null ? "" : `; return height ${length(vehicle.return_height_m)}`;
-  return `${vehicle.lost_link}${height}; fence: ${vehicle.fence_action}`;
+  if (!vehicle.lost_link) return t("unknown");
+  const height = vehicle.return_height_m === null ? "" : t("; return height {length}", { length: length(vehicle.return_height_m) });
+  return t("{lost_link}{height}; fence: {fence_action}", { lost_link: vehicle.lost_link, height, fence_action: vehicle.fence_action });
 }
 
 /** Each link with its quality: "udpin:0.0.0.0:14550: in use, 3 % lost; serial:…: SILENT for 12 s". */
 function linksText(vehicle: Vehicle, nowS: number): string | null {
   const several = vehicle.links.length > 1;
   const texts = vehicle.links.map((link) => {
-    const use = link.in_use && several ? "in use, " : "";
-    const lost = link.loss_pct === null ? "" : `, ${link.loss_pct.toFixed(0)} % lost`;
-    if (link.state === "waiting") return `${link.link}: ${use}no frame yet`;
-    if (link.state !== "silent") return `${link.link}: ${use}${link.state === "up" ? "good" : "BAD"}${lost}`;
-    const since = link.silent_since_us === null ? "" : ` for ${duration(nowS - link.silent_since_us / 1e6)}`;
-    return `${link.link}: ${use}SILENT${since}`;
+    const use = link.in_use && several ? t("in use, ") : "";
+    const lost = link.loss_pct === null ? "" : t(", {percent} % lost", { percent: link.loss_pct.toFixed(0) });
+    if (link.state === "waiting") return t("{link}: {use}no frame yet", { link: link.link, use });
+    if (link.state !== "silent") return `${link.link}: ${use}${link.state === "up" ? t("good") : t("BAD")}${lost}`;
+    const since = link.silent_since_us === null ? "" : t(" for {duration}", { duration: duration(nowS - link.silent_since_us / 1e6) });
+    return t("{link}: {use}SILENT{since}", { link: link.link, use, since });
   });
   return texts.join("; ") || null;
 }
 
 function missionText(mission: Mission | null, vehicle: Vehicle | null): string {
-  if (!mission) return "nothing";
-  const current = vehicle?.current_seq === null || !vehicle ? "" : `, current item ${vehicle.current_seq}`;
-  return `mission ${mission.mission_id}: ${mission.items.length} items${current} (${mission.why})`;
+  if (!mission) return t("nothing");
+  const current = vehicle?.current_seq === null || !vehicle ? "" : t(", current item {number}", { number: vehicle.current_seq });
+  return t("mission {number}: {count, plural, one {# item} other {# items}}{current} ({why})", { number: mission.mission_id, count: mission.items.length, current, why: mission.why });
 }
