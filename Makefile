@@ -5,7 +5,7 @@ TOOLS := .venv/tools/bin
 
 WEB := mission_service/interfaces/web
 MAP := $(WEB)/dist/index.html
-MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/panels/*.* public/*.*))
+MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/panels/*.* src/languages/*.* public/*.*))
 
 # The processes of tests share compiled modules, also where the environment turns this off.
 unexport PYTHONDONTWRITEBYTECODE
