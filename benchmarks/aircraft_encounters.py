@@ -1,10 +1,10 @@
 """Near misses with another aircraft, flown with each resolution on a mock autopilot.
 
 A vehicle monitors a fire. At random times an aircraft appears that would pass within 100 m beside
-and 50 m above or below the place where the vehicle is then, in 40 to 80 s, at 40 to 80 m/s. The
-same encounter is flown with each resolution. The columns are the smallest distance (median, worst),
-the share of encounters without well clear (2000 ft and 250 ft), and the share of near mid-air
-collisions (500 ft and 100 ft).
+and 50 m above or below the place where the vehicle is then, in 40 to 80 s, at 40 to 80 m/s, level
+or with the climb rate ``--climb``. The same encounter is flown with each resolution. The columns
+are the smallest distance (median, worst), the share of encounters without well clear (2000 ft and
+250 ft), and the share of near mid-air collisions (500 ft and 100 ft).
 """
 
 import json
@@ -57,7 +57,11 @@ def place_in(sim: Simulation, in_s: float) -> tuple[float, float, float]:
 
 
 def intruder_to(
-    place: tuple[float, float, float], now_s: float, in_s: float, rng: random.Random
+    place: tuple[float, float, float],
+    now_s: float,
+    in_s: float,
+    rng: random.Random,
+    climb_m_s: float,
 ) -> Intruder:
     """Return an aircraft that passes near a place after ``in_s``."""
     found = Intruder(now_s + in_s, *place, rng.uniform(0.0, 360.0), rng.uniform(40.0, 80.0))
@@ -67,6 +71,7 @@ def intruder_to(
         lat_deg=place[0] + offset_deg[0],
         lon_deg=place[1] + offset_deg[1],
         altitude_m=place[2] + rng.uniform(-50.0, 50.0),
+        climb_m_s=climb_m_s,
     )
 
 
@@ -100,7 +105,8 @@ def _up_m(sim: Simulation, intruder: Intruder) -> float:
 @click.argument("seed", type=int, default=0)
 @click.option("--kind", type=click.Choice(["plane", "copter"]), default="plane")
 @click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
-def main(encounters: int, seed: int, kind: str, stack: str) -> None:
+@click.option("--climb", type=float, default=0.0, help="Climb rate of the aircraft in m/s.")
+def main(encounters: int, seed: int, kind: str, stack: str, climb: float) -> None:
     """Fly the encounters and print the table."""
     changes = (
         *(f"vehicles.0.kind={kind}", f"vehicles.0.stack={stack}", "surveillance.range_m=20000"),
@@ -122,12 +128,12 @@ def main(encounters: int, seed: int, kind: str, stack: str) -> None:
             sim.run_until(sim.clock.now_us / 1e6 + BETWEEN_S)
             in_s = rng.uniform(40.0, 80.0)
             place = in_child(partial(place_in, sim, in_s))
-            intruder = intruder_to(place, sim.clock.now_us / 1e6, in_s, rng)
+            intruder = intruder_to(place, sim.clock.now_us / 1e6, in_s, rng, climb)
             for each in RESOLUTIONS:
                 seconds = round(in_s + AFTER_S)
                 run = partial(flown, sim, intruder, each, seconds)
                 results[each].append(in_child(run))
-    click.echo(f"{encounters} encounters of a {stack} {kind}, seed {seed}")
+    click.echo(f"{encounters} encounters of a {stack} {kind}, seed {seed}, climb {climb:g} m/s")
     click.echo("resolution  distance m: median   worst   not well clear   near collision")
     for each, rows in results.items():
         distances = [row[0] for row in rows]

@@ -26,9 +26,10 @@ from mission_service.commands import (
 )
 from mission_service.config.scenario import Scenario
 from mission_service.config.surveillance_section import SurveillanceSection
-from mission_service.ground_distance import distance_m, offset_m
+from mission_service.ground_distance import M_PER_FT, distance_m, offset_m
 from mission_service.surveillance.alerting import ALERT_SETS, CORRECTIVE, WARNING, AlertHistory
-from mission_service.surveillance.well_clear import Encounter, violation
+from mission_service.surveillance.altitude_change import AltitudeChange, VerticalLimits, violates
+from mission_service.surveillance.well_clear import Encounter, WellClearVolume, violation
 from mission_service.vehicles.availability import AIRBORNE_M, MISSION
 from mission_service.vehicles.landing_state import LandingPhase
 from mission_service.vehicles.preflight_checks import NearestAircraft
@@ -41,6 +42,10 @@ AGAIN_US = 5_000_000  # an order that the journal lost in a crash is given again
 MIN_DESCENT_M = 10.0  # a smaller descent is a hold
 UNDER_M = 1000.0  # a vehicle within this horizontal distance is under another vehicle
 AROUND = 2.0  # loiter radii around the hold in which the terrain is considered
+# A near mid-air collision: 500 ft and 100 ft (RTCA DO-365).
+NEAR_COLLISION = WellClearVolume(500.0 * M_PER_FT, 100.0 * M_PER_FT)
+# Of the stacks' default descents, that of ArduPilot's copters is the slowest.
+DESCENT = VerticalLimits(rate_m_s=1.5, acceleration_m_s2=1.0)
 
 
 @dataclass
@@ -211,7 +216,34 @@ class OtherAircraft:
             return [OrderByService(vehicle.name, "return")]
         if self._section.resolution == "hold":
             return [OrderByService(vehicle.name, "hold")]
-        return [OrderByService(vehicle.name, "hold", self._lower(vehicle, near.own))]
+        lower = self._lower(vehicle, near.own)
+        if lower is not None and self._is_nearer(near, lower[2], at_us):
+            words = "holds at its altitude: a descent would lead nearer to other aircraft"
+            return [announce(vehicle, words), OrderByService(vehicle.name, "hold")]
+        return [OrderByService(vehicle.name, "hold", lower)]
+
+    def _is_nearer(self, near: _Surroundings, altitude_amsl_m: float, at_us: int) -> bool:
+        """Return whether other aircraft are nearer in a hold at an altitude than in one here."""
+        assert near.own is not None
+        alerts = ALERT_SETS[self._section.alerts]
+        volumes = (alerts.well_clear, NEAR_COLLISION)
+
+        def violated(change_m: float) -> int:
+            """Return the number of volumes that a hold violates, the vehicle being at one place."""
+            change = AltitudeChange(change_m, near.climb_m_s, DESCENT)
+            span_s = (alerts.lookahead_s, alerts.lookahead_s)
+            return sum(
+                any(violates(each, change, near.climb_m_s, volume, *span_s) for each in encounters)
+                for volume in volumes
+            )
+
+        encounters = [
+            _encounter(near, each, at_us)._replace(
+                east_m_s=each.velocity_east_m_s, north_m_s=each.velocity_north_m_s
+            )
+            for each in near.reported
+        ]
+        return violated(altitude_amsl_m - near.own.altitude_amsl_m) > violated(0.0)
 
     def _lands(self, vehicle: Vehicle, near: _Surroundings) -> bool:
         """Return whether a vehicle is near the ground or on the last leg of a landing."""

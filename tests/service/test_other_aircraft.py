@@ -252,6 +252,27 @@ def test_a_descent_never_climbs_and_stays_above_a_vehicle_below(land: Landscape)
     assert order.hold_at[2] == pytest.approx(altitude_m + 30.0, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("north_m", "up_m", "climb_m_s", "descends"),
+    [
+        (2500.0, 20.0, 0.0, True),
+        (2500.0, -60.0, 0.0, False),  # level below: the descent would be at its altitude
+        (2500.0, 120.0, -4.0, False),  # descends to a drop, faster than the vehicle
+        (2500.0, -60.0, 2.0, True),  # climbs to the vehicle's altitude
+    ],
+)
+def test_a_vehicle_does_not_descend_towards_another_aircraft(
+    land: Landscape, north_m: float, up_m: float, climb_m_s: float, descends: bool
+) -> None:
+    aloft = Aloft(land, "descend")
+    near = aloft.aircraft(north_m, up_m=up_m, climb_m_s=climb_m_s)
+    commands = [*aloft.report(near), *aloft.report(near)]
+    (order,) = orders(commands)
+    assert (order.hold_at is not None) == descends
+    texts = [each.text for each in commands if isinstance(each, Announce)]
+    assert any("a descent would lead nearer" in each for each in texts) != descends
+
+
 def test_an_operator_who_resumes_decides_until_the_conflict_ends(land: Landscape) -> None:
     aloft = Aloft(land, "hold")
     near = aloft.aircraft(2500.0)

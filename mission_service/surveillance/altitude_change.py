@@ -1,0 +1,112 @@
+"""Computes whether a vehicle that changes its altitude violates a volume around an aircraft. Pure.
+
+These are the altitude bands of NASA's DAIDALUS (reference manual, chapter on kinematic bands;
+NASA/TM-2016-219067 describes the algorithms): the vehicle accelerates vertically to its vertical
+rate, keeps it, and levels out at the new altitude, while its horizontal velocity stays the same.
+"""
+
+import math
+from typing import NamedTuple
+
+from mission_service.surveillance.well_clear import Encounter, WellClearVolume, violation
+
+CHECK_S = 1.0  # interval of the checks while the vertical speed changes
+INSTANT_S = 1e-3  # a violation at a time is one that lasts at least this time from then on
+
+
+class VerticalLimits(NamedTuple):
+    """The vertical rate and acceleration of a vehicle; 0: the altitude changes at once."""
+
+    rate_m_s: float
+    acceleration_m_s2: float
+
+
+class AltitudeChange:
+    """The vertical motion to a new altitude, without overshoot where the limits permit it."""
+
+    def __init__(self, change_m: float, climb_m_s: float, limits: VerticalLimits) -> None:
+        """Compute the motion from the change of altitude and the present climb rate."""
+        self._change_m, self._climb_m_s = change_m, climb_m_s
+        rate_m_s, self._acceleration = limits
+        if rate_m_s <= 0.0 or self._acceleration <= 0.0:
+            self.instant, self.times_s = True, (0.0, 0.0, 0.0)
+            return
+        self.instant = False
+        braked_m = climb_m_s * abs(climb_m_s) / (2.0 * self._acceleration)
+        self._up = math.copysign(1.0, change_m - braked_m)
+        first_m_s, rise_m = self._up * climb_m_s, self._up * change_m
+        turn_2 = self._acceleration * rise_m + first_m_s * first_m_s / 2.0
+        self._peak_m_s = min(rate_m_s, math.sqrt(max(turn_2, 0.0)))
+        begin_s = abs(self._peak_m_s - first_m_s) / self._acceleration
+        self._begun_m = begin_s * (first_m_s + self._peak_m_s) / 2.0
+        level_s = self._peak_m_s / self._acceleration
+        steady_m = rise_m - self._begun_m - level_s * self._peak_m_s / 2.0
+        steady_s = max(steady_m, 0.0) / self._peak_m_s if self._peak_m_s > 0.0 else 0.0
+        # The end of the first acceleration, of the constant rate, and of levelling out.
+        self.times_s = (begin_s, begin_s + steady_s, begin_s + steady_s + level_s)
+
+    def motion_after(self, later_s: float) -> tuple[float, float]:
+        """Return the height above the present altitude in m and the climb rate in m/s."""
+        begin_s, steady_s, end_s = self.times_s
+        if self.instant or later_s >= end_s:
+            return self._change_m, 0.0
+        if later_s <= begin_s:
+            faster = math.copysign(self._acceleration, self._peak_m_s - self._up * self._climb_m_s)
+            climb_m_s = self._up * self._climb_m_s + faster * later_s
+            mean_m_s = (self._up * self._climb_m_s + climb_m_s) / 2.0
+            return self._up * later_s * mean_m_s, self._up * climb_m_s
+        if later_s <= steady_s:
+            rise_m = self._begun_m + (later_s - begin_s) * self._peak_m_s
+            return self._up * rise_m, self._up * self._peak_m_s
+        left_s = end_s - later_s
+        left_m_s = left_s * self._acceleration
+        return self._change_m - self._up * left_s * left_m_s / 2.0, self._up * left_m_s
+
+
+def violates(
+    encounter: Encounter,
+    change: AltitudeChange,
+    climb_m_s: float,
+    volume: WellClearVolume,
+    horizon_s: float,
+    lookahead_s: float,
+) -> bool:
+    """Return whether a change of altitude violates a volume around an aircraft.
+
+    ``climb_m_s`` is the climb rate of the own vehicle in ``encounter``. A violation counts until
+    ``horizon_s`` after the new altitude is reached, but at most until ``lookahead_s`` from now.
+    """
+
+    def moved(later_s: float) -> Encounter:
+        up_m, own_m_s = change.motion_after(later_s)
+        other_m_s = encounter.up_m_s + climb_m_s
+        return Encounter(
+            encounter.east_m + later_s * encounter.east_m_s,
+            encounter.north_m + later_s * encounter.north_m_s,
+            encounter.up_m + later_s * other_m_s - up_m,
+            encounter.east_m_s,
+            encounter.north_m_s,
+            other_m_s - own_m_s,
+        )
+
+    def within(begin_s: float, end_s: float) -> bool:
+        end_s = min(end_s, lookahead_s)
+        if begin_s > end_s:
+            return False
+        return violation(moved(begin_s), volume, end_s - begin_s) is not None
+
+    def at_steps(begin_s: float, end_s: float) -> bool:
+        steps = range(math.ceil(begin_s / CHECK_S), math.floor(end_s / CHECK_S) + 1)
+        found = (violation(moved(step * CHECK_S), volume, INSTANT_S) for step in steps)
+        return any(each is not None and each[0] == 0.0 for each in found)
+
+    if change.instant:
+        return within(0.0, horizon_s)
+    begin_s, steady_s, end_s = change.times_s
+    end_s += CHECK_S
+    return (
+        at_steps(0.0, begin_s)
+        or within(begin_s, min(horizon_s + begin_s, steady_s))
+        or at_steps(steady_s, end_s)
+        or within(end_s, horizon_s + end_s)
+    )
