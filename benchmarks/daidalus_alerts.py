@@ -25,7 +25,7 @@ from mission_service.surveillance.well_clear import Encounter, WellClearVolume, 
 RADIUS_M = 180.0 * 60.0 * M_PER_NMI / math.pi
 M_S_PER_KNOT, M_S_PER_FPM = M_PER_NMI / 3600.0, M_PER_FT / 60.0
 STEP_S = 10.0  # velocities are projected by the positions now and after this time
-EDGE_M = 1e-6  # the edge of DAIDALUS's cylinder is outside
+EDGE_M = 1e-6  # in DAIDALUS the edge does not belong to the cylinder
 # DAIDALUS's configuration CD3D: a cylinder of 5 nmi and 1000 ft, without tau and hysteresis.
 CYLINDER = AlertSet(
     (

@@ -1,7 +1,7 @@
-"""Compares bands of altitudes with the gold output of NASA's DAIDALUS.
+"""Compares altitude bands with the gold output of NASA's DAIDALUS.
 
-``FOLDER`` is a copy of the public repository nasa/daidalus. A band is a range of new altitudes that
-violate the volume of the same level on the way or afterwards (MID: 2, NEAR: 3, NONE: 0). The gold
+``FOLDER`` is a copy of the public repository nasa/daidalus. A band is a range of new altitudes with
+the same highest violated level, on the way or afterwards (NEAR: 3, MID: 2, NONE: 0). The gold
 output contains the bands of one state for each of several configurations, and of the scenario H1
 every second. In the scenario, the bands are filtered (2 of the last 4 seconds) as in DAIDALUS. The
 comparison ends at the first recovery band: recovery bands are not implemented.
@@ -61,7 +61,7 @@ def levels_of(own: State, other: State, alerts: AlertSet, limits: VerticalLimits
 
 
 def bands_of(levels: list[int]) -> list[Band]:
-    """Return the bands; a single altitude between two that are not free is not free either."""
+    """Return the bands; two neighbours that violate a level include the altitude between them."""
     inner = list(levels)
     for i in range(1, len(levels) - 1):
         inner[i] = max(levels[i], min(levels[i - 1], levels[i + 1]))

@@ -44,8 +44,8 @@ UNDER_M = 1000.0  # a vehicle within this horizontal distance is under another v
 AROUND = 2.0  # loiter radii around the hold in which the terrain is considered
 # A near mid-air collision: 500 ft and 100 ft (RTCA DO-365).
 NEAR_COLLISION = WellClearVolume(500.0 * M_PER_FT, 100.0 * M_PER_FT)
-# Of the stacks' default descents, that of ArduPilot's copters is the slowest.
-DESCENT = VerticalLimits(rate_m_s=1.5, acceleration_m_s2=1.0)
+# The default descents of copters of both stacks, and that of a fast plane.
+DESCENTS = (VerticalLimits(1.5, 1.0), VerticalLimits(4.0, 2.0))  # m/s and m/s^2
 
 
 @dataclass
@@ -217,33 +217,42 @@ class OtherAircraft:
         if self._section.resolution == "hold":
             return [OrderByService(vehicle.name, "hold")]
         lower = self._lower(vehicle, near.own)
-        if lower is not None and self._is_nearer(near, lower[2], at_us):
-            words = "holds at its altitude: a descent would lead nearer to other aircraft"
+        if lower is not None and self._descent_is_worse(near, lower[2], at_us):
+            words = "holds at its altitude: a descent would conflict with other aircraft"
             return [announce(vehicle, words), OrderByService(vehicle.name, "hold")]
         return [OrderByService(vehicle.name, "hold", lower)]
 
-    def _is_nearer(self, near: _Surroundings, altitude_amsl_m: float, at_us: int) -> bool:
-        """Return whether other aircraft are nearer in a hold at an altitude than in one here."""
-        assert near.own is not None
-        alerts = ALERT_SETS[self._section.alerts]
-        volumes = (alerts.well_clear, NEAR_COLLISION)
+    def _descent_is_worse(self, near: _Surroundings, altitude_amsl_m: float, at_us: int) -> bool:
+        """Return whether a lower hold conflicts with other aircraft more than a hold here.
 
-        def violated(change_m: float) -> int:
-            """Return the number of volumes that a hold violates, the vehicle being at one place."""
-            change = AltitudeChange(change_m, near.climb_m_s, DESCENT)
-            span_s = (alerts.lookahead_s, alerts.lookahead_s)
-            return sum(
-                any(violates(each, change, near.climb_m_s, volume, *span_s) for each in encounters)
-                for volume in volumes
-            )
-
+        Near collisions count first, then losses of well clear. The vehicle is assumed to stay at
+        one place, and the conflicts are counted with each rate of ``DESCENTS``.
+        """
+        own, alerts = near.own, ALERT_SETS[self._section.alerts]
+        assert own is not None
+        lookahead_s = alerts.levels[CORRECTIVE - 1].early_alerting_s
         encounters = [
             _encounter(near, each, at_us)._replace(
                 east_m_s=each.velocity_east_m_s, north_m_s=each.velocity_north_m_s
             )
             for each in near.reported
         ]
-        return violated(altitude_amsl_m - near.own.altitude_amsl_m) > violated(0.0)
+        later_s = max(at_us - own.at_us, 0) / 1e6
+        descent_m = altitude_amsl_m - own.altitude_amsl_m - later_s * near.climb_m_s
+
+        def conflicts(change_m: float, limits: VerticalLimits) -> tuple[int, int]:
+            """Return the number of near collisions and of losses of well clear."""
+            change = AltitudeChange(change_m, near.climb_m_s, limits)
+            near_collisions, losses = (
+                sum(
+                    violates(each, change, near.climb_m_s, volume, lookahead_s, lookahead_s)
+                    for each in encounters
+                )
+                for volume in (NEAR_COLLISION, alerts.well_clear)
+            )
+            return near_collisions, losses
+
+        return all(conflicts(descent_m, each) > conflicts(0.0, each) for each in DESCENTS)
 
     def _lands(self, vehicle: Vehicle, near: _Surroundings) -> bool:
         """Return whether a vehicle is near the ground or on the last leg of a landing."""

@@ -1,8 +1,8 @@
 """Computes whether a vehicle that changes its altitude violates a volume around an aircraft. Pure.
 
-These are the altitude bands of NASA's DAIDALUS (reference manual, chapter on kinematic bands;
-NASA/TM-2016-219067 describes the algorithms): the vehicle accelerates vertically to its vertical
-rate, keeps it, and levels out at the new altitude, while its horizontal velocity stays the same.
+The method is that of the altitude bands of NASA's DAIDALUS (reference manual, chapter on kinematic
+bands; NASA/TM-2016-219067 describes the algorithms): the vehicle accelerates vertically to its
+vertical rate, keeps it, and levels out at the new altitude. Its horizontal velocity stays the same.
 """
 
 import math
@@ -11,35 +11,38 @@ from typing import NamedTuple
 from mission_service.surveillance.well_clear import Encounter, WellClearVolume, violation
 
 CHECK_S = 1.0  # interval of the checks while the vertical speed changes
-INSTANT_S = 1e-3  # a violation at a time is one that lasts at least this time from then on
+INSTANT_S = 1e-3  # length of the interval in which a violation at one time is searched
 
 
 class VerticalLimits(NamedTuple):
-    """The vertical rate and acceleration of a vehicle; 0: the altitude changes at once."""
+    """The vertical rate and acceleration of a vehicle; with a 0, the altitude changes at once."""
 
     rate_m_s: float
     acceleration_m_s2: float
 
 
 class AltitudeChange:
-    """The vertical motion to a new altitude, without overshoot where the limits permit it."""
+    """The vertical motion to a new altitude.
+
+    It overshoots the altitude only if the present climb rate is too high to stop in time.
+    """
 
     def __init__(self, change_m: float, climb_m_s: float, limits: VerticalLimits) -> None:
         """Compute the motion from the change of altitude and the present climb rate."""
         self._change_m, self._climb_m_s = change_m, climb_m_s
-        rate_m_s, self._acceleration = limits
-        if rate_m_s <= 0.0 or self._acceleration <= 0.0:
+        rate_m_s, self._acceleration_m_s2 = limits
+        if rate_m_s <= 0.0 or self._acceleration_m_s2 <= 0.0:
             self.instant, self.times_s = True, (0.0, 0.0, 0.0)
             return
         self.instant = False
-        braked_m = climb_m_s * abs(climb_m_s) / (2.0 * self._acceleration)
+        braked_m = climb_m_s * abs(climb_m_s) / (2.0 * self._acceleration_m_s2)
         self._up = math.copysign(1.0, change_m - braked_m)
         first_m_s, rise_m = self._up * climb_m_s, self._up * change_m
-        turn_2 = self._acceleration * rise_m + first_m_s * first_m_s / 2.0
-        self._peak_m_s = min(rate_m_s, math.sqrt(max(turn_2, 0.0)))
-        begin_s = abs(self._peak_m_s - first_m_s) / self._acceleration
+        peak_2 = self._acceleration_m_s2 * rise_m + first_m_s * first_m_s / 2.0
+        self._peak_m_s = min(rate_m_s, math.sqrt(max(peak_2, 0.0)))
+        begin_s = abs(self._peak_m_s - first_m_s) / self._acceleration_m_s2
         self._begun_m = begin_s * (first_m_s + self._peak_m_s) / 2.0
-        level_s = self._peak_m_s / self._acceleration
+        level_s = self._peak_m_s / self._acceleration_m_s2
         steady_m = rise_m - self._begun_m - level_s * self._peak_m_s / 2.0
         steady_s = max(steady_m, 0.0) / self._peak_m_s if self._peak_m_s > 0.0 else 0.0
         # The end of the first acceleration, of the constant rate, and of levelling out.
@@ -51,7 +54,9 @@ class AltitudeChange:
         if self.instant or later_s >= end_s:
             return self._change_m, 0.0
         if later_s <= begin_s:
-            faster = math.copysign(self._acceleration, self._peak_m_s - self._up * self._climb_m_s)
+            faster = math.copysign(
+                self._acceleration_m_s2, self._peak_m_s - self._up * self._climb_m_s
+            )
             climb_m_s = self._up * self._climb_m_s + faster * later_s
             mean_m_s = (self._up * self._climb_m_s + climb_m_s) / 2.0
             return self._up * later_s * mean_m_s, self._up * climb_m_s
@@ -59,7 +64,7 @@ class AltitudeChange:
             rise_m = self._begun_m + (later_s - begin_s) * self._peak_m_s
             return self._up * rise_m, self._up * self._peak_m_s
         left_s = end_s - later_s
-        left_m_s = left_s * self._acceleration
+        left_m_s = left_s * self._acceleration_m_s2
         return self._change_m - self._up * left_s * left_m_s / 2.0, self._up * left_m_s
 
 
@@ -73,8 +78,14 @@ def violates(
 ) -> bool:
     """Return whether a change of altitude violates a volume around an aircraft.
 
-    ``climb_m_s`` is the climb rate of the own vehicle in ``encounter``. A violation counts until
-    ``horizon_s`` after the new altitude is reached, but at most until ``lookahead_s`` from now.
+    Args:
+        encounter: The positions and velocities now.
+        change: The vertical motion of the own vehicle.
+        climb_m_s: The present climb rate of the own vehicle.
+        volume: The volume around the aircraft.
+        horizon_s: Time after the change in which a violation counts. It also limits the time at
+            the constant vertical rate.
+        lookahead_s: Time from now after which no violation counts.
     """
 
     def moved(later_s: float) -> Encounter:
@@ -97,7 +108,8 @@ def violates(
 
     def at_steps(begin_s: float, end_s: float) -> bool:
         steps = range(math.ceil(begin_s / CHECK_S), math.floor(end_s / CHECK_S) + 1)
-        found = (violation(moved(step * CHECK_S), volume, INSTANT_S) for step in steps)
+        times_s = (step * CHECK_S for step in steps if step * CHECK_S < lookahead_s)
+        found = (violation(moved(at_s), volume, INSTANT_S) for at_s in times_s)
         return any(each is not None and each[0] == 0.0 for each in found)
 
     if change.instant:

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.daidalus_alerts import State
@@ -17,7 +17,7 @@ STEP_S, HORIZON_S = 0.05, 90.0
 CHANGES_M, CLIMBS_M_S = st.floats(-300.0, 300.0), st.floats(-6.0, 6.0)
 LIMITS = st.builds(VerticalLimits, st.floats(0.5, 5.0), st.floats(0.3, 3.0))
 BOX = WellClearVolume(610.0, 76.0)
-LARGER = WellClearVolume(620.0, 78.0)  # a violation of the box is never missed in its steps
+LARGER = WellClearVolume(620.0, 78.0)  # so large that no step misses a violation of the box
 
 
 @settings(max_examples=100, deadline=None)
@@ -41,6 +41,7 @@ def test_a_change_keeps_the_limits_and_ends_level_at_the_altitude(
 
 
 @settings(max_examples=60, deadline=None)
+@example(Encounter(0.0, 9000.0, -300.0, 0.0, -45.0, 0.0), -300.0, 0.0, VerticalLimits(1.5, 1.0))
 @given(encounter=encounters(), change_m=CHANGES_M, climb_m_s=CLIMBS_M_S, limits=LIMITS)
 def test_a_violation_is_found_as_in_small_steps(
     encounter: Encounter, change_m: float, climb_m_s: float, limits: VerticalLimits

@@ -256,7 +256,7 @@ def test_a_descent_never_climbs_and_stays_above_a_vehicle_below(land: Landscape)
     ("north_m", "up_m", "climb_m_s", "descends"),
     [
         (2500.0, 20.0, 0.0, True),
-        (2500.0, -60.0, 0.0, False),  # level below: the descent would be at its altitude
+        (2500.0, -60.0, 0.0, False),  # level below: the vehicle would descend to it
         (2500.0, 120.0, -4.0, False),  # descends to a drop, faster than the vehicle
         (2500.0, -60.0, 2.0, True),  # climbs to the vehicle's altitude
     ],
@@ -270,7 +270,14 @@ def test_a_vehicle_does_not_descend_towards_another_aircraft(
     (order,) = orders(commands)
     assert (order.hold_at is not None) == descends
     texts = [each.text for each in commands if isinstance(each, Announce)]
-    assert any("a descent would lead nearer" in each for each in texts) != descends
+    assert any("a descent would conflict" in each for each in texts) != descends
+
+
+def test_a_distant_aircraft_without_an_alert_does_not_prevent_a_descent(land: Landscape) -> None:
+    aloft = Aloft(land, "descend")
+    near, far = aloft.aircraft(2500.0, up_m=35.0), aloft.aircraft(8000.0, "b4c2f1", up_m=-85.0)
+    (order,) = orders([*aloft.report(near, far), *aloft.report(near, far)])
+    assert order.hold_at is not None
 
 
 def test_an_operator_who_resumes_decides_until_the_conflict_ends(land: Landscape) -> None:
