@@ -22,7 +22,7 @@ from autopilot_bridge.clients.native import (
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import TransferTiming
-from autopilot_bridge.stacks.stacks import stack_of
+from autopilot_bridge.stacks.stacks import Stack, stack_of
 from autopilot_bridge.vehicle.client_events import AlarmEnded, ClientEvent
 from autopilot_bridge.vehicle.link_set import LinkSet
 from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, RatesHz
@@ -79,6 +79,7 @@ class SharedLink:
         # By link: the remote to which the link connects; "" if it listens.
         self.called: dict[int, str] = {}
         self.clients: dict[int, NativeClient] = {}
+        self.unexpected: dict[int, Stack] = {}  # by system id: autopilots that are not registered
         self._own = (system_id, component_id)
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._timing = timing
@@ -148,7 +149,11 @@ class SharedLink:
 
     def _detected(self, message: Message, system: int) -> NativeClient | None:
         """Return the new client of an autopilot; None if the sender is not an autopilot."""
-        if self._expects or not is_of_autopilot(message):
+        stack = _stack_in(message)
+        if stack is None:
+            return None
+        if self._expects:
+            self.unexpected[system] = stack
             return None
         return self._client(system, None, self._rates_hz)
 
@@ -268,5 +273,11 @@ class SharedLink:
 
 def is_of_autopilot(message: Message) -> bool:
     """Return whether a message is the HEARTBEAT of a supported autopilot."""
-    kind: str = message.get_type()
-    return kind == "HEARTBEAT" and stack_of(message.autopilot, message.type) is not None
+    return _stack_in(message) is not None
+
+
+def _stack_in(message: Message) -> Stack | None:
+    """Return the autopilot of a HEARTBEAT; None for other messages and unsupported autopilots."""
+    if message.get_type() != "HEARTBEAT":
+        return None
+    return stack_of(message.autopilot, message.type)

@@ -7,7 +7,7 @@ that share a link or a backup link are opened by one connection.
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,7 @@ from autopilot_bridge.links.asyncio_connection import Connection, Port
 from autopilot_bridge.links.signing import Signing
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.stacks.link_loss import STATION_ID
+from autopilot_bridge.stacks.stacks import Stack
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Severity
 from mission_service.config.scenario import Scenario
@@ -63,6 +64,7 @@ class Link:
     connection: Connection | MavsdkClient  # shared with other vehicles on the same link
     ports: tuple[Port, ...]  # those of the vehicle's links, the preferred link first
     refusals: tuple[SigningRefusals, ...]  # of each port
+    unexpected: Mapping[int, Stack]  # by system id: received autopilots that the scenario lacks
 
     @property
     def connected(self) -> bool:
@@ -123,7 +125,7 @@ async def open_links(
         signing = signing_of.get(first.signing_key)
         addresses = tuple(dict.fromkeys(link for each in sections for link in each.links))
         link_ids = _link_ids(sections, addresses, places)
-        clients, connection = _clients_of(
+        clients, connection, unexpected = _clients_of(
             sections, scenario, clock_us, tlog, signing, dict(zip(addresses, link_ids, strict=True))
         )
         await stack.enter_async_context(connection)
@@ -144,6 +146,7 @@ async def open_links(
                 connection,
                 tuple(port_of[link] for link in section.links),
                 tuple(SigningRefusals(link, section.system_id, signing) for link in section.links),
+                unexpected,
             )
     return {name: links[name] for name in places}
 
@@ -177,9 +180,10 @@ def _clients_of(
     tlog: Tlog | None,
     signing: Signing | None,
     link_ids: dict[str, int],
-) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
+) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient, Mapping[int, Stack]]:
     """Return the clients of vehicles that share links, and their connection, not yet open.
 
+    The third value contains the received autopilots that the scenario lacks, by system id.
     ``link_ids`` contains the link ids of signatures for the addresses of all links.
     """
     first = sections[0]
@@ -189,7 +193,7 @@ def _clients_of(
             *(first.link, first.system_id, clock_us, tlog, signing, link_ids[first.link]),
             fastest_m_s,
         )
-        return [vehicle], vehicle
+        return [vehicle], vehicle, {}
     signed = signing is not None
     addresses = tuple(link_ids)
     link = SharedLink(addresses, rates_hz=rates_hz(scenario), expects=True, signed=signed)
@@ -203,7 +207,7 @@ def _clients_of(
     ]
     signs_as = tuple(link_ids.values())
     connection = Connection(addresses, link, clock_us, tlog=tlog, signing=signing, link_id=signs_as)
-    return clients, connection
+    return clients, connection, link.unexpected
 
 
 def connected(links: dict[str, Link]) -> list[list[Link]]:
@@ -244,8 +248,21 @@ class LinkMonitor:
             refused = next(filter(None, refusals), None)
             if not link.connected and refused is not None:
                 found.append((name, f"no frame accepted yet: {refused}"))
+            elif not link.connected and link.unexpected:
+                found.append((name, f"no heartbeat on {address} yet; {_other_ids(link)}"))
             elif not link.connected:
                 remedy = "check that the autopilot is running and that this is its port"
                 found.append((name, f"no heartbeat on {address} yet; {remedy}"))
         self._unreported.clear()
         return found
+
+
+def _other_ids(link: Link) -> str:
+    """Return the autopilots that send instead of the vehicle, and the remedy."""
+    senders = ", ".join(
+        f"{key} ({stack.name} {stack.vehicle})" for key, stack in sorted(link.unexpected.items())
+    )
+    return (
+        f"received instead: system {senders}; the scenario has system_id = "
+        f"{link.section.system_id}: change it, or the autopilot's MAV_SYS_ID or SYSID_THISMAV"
+    )

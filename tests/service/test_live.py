@@ -10,7 +10,9 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.links.codec import Codec
 from mission_service.interfaces.control.control_client import ControlClient
 from mission_service.replay.verification import verify
 from tests.patience import PATIENCE_S, wait_until
@@ -119,6 +121,27 @@ def test_a_vehicle_that_never_answers_is_named(
     log = tmp_path / "daemon.log"
     with process(arguments, log) as daemon:
         wait_until(lambda: f"no heartbeat on udpin:127.0.0.1:{port}" in log.read_text("utf-8"))
+        daemon.send_signal(signal.SIGINT)
+        assert daemon.wait(timeout=PATIENCE_S) == 0
+
+
+def test_an_autopilot_with_another_system_id_is_named(
+    tmp_path: Path, daemon_arguments: tuple[int, list[str]]
+) -> None:
+    port, arguments = daemon_arguments
+    log = tmp_path / "daemon.log"
+    plane = (mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 0)
+    heartbeat = Codec(7, 1).encode(mavlink.MAVLink_heartbeat_message(*plane, 3))
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock,
+        process(arguments, log) as daemon,
+    ):
+
+        def is_named() -> bool:
+            sock.sendto(heartbeat, ("127.0.0.1", port))
+            return "received instead: system 7 (px4 plane)" in log.read_text("utf-8")
+
+        wait_until(is_named)
         daemon.send_signal(signal.SIGINT)
         assert daemon.wait(timeout=PATIENCE_S) == 0
 
