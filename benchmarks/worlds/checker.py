@@ -12,7 +12,7 @@ A violation is
 - a vehicle in a closed volume that gets no command for ``REACTS_S``,
 - a vehicle that stays in a closed volume longer than the flight to a free place outside takes,
 - a vehicle that comes lower than ``MIN_HEIGHT_M`` above the ground in its mission or in a hold,
-  later than ``REACTS_S`` after the service got control of it.
+  later than ``REACTS_S`` after the service got control of it or a return ended.
 
 The last four concern only vehicles that the service can lead (lines ``Led`` of light worlds).
 """
@@ -80,6 +80,9 @@ class Checker:
                 elif flown.low_until_s < self._at_s:  # it may have been led low by others
                     flown.low_until_s = self._at_s + REACTS_S
             case "ModeChanged":
+                returned = flown.mode == "return" != event["mode"]  # at the autopilot's altitude
+                if returned and flown.low_until_s < self._at_s:
+                    flown.low_until_s = self._at_s + REACTS_S
                 flown.mode = event["mode"]
                 if not event["armed"]:
                     flown.airborne, flown.low_until_s = False, math.inf
