@@ -16,6 +16,7 @@ from pydantic import (
     create_model,
     model_validator,
 )
+from pydantic_core import ErrorDetails
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link_address import parse_link
@@ -57,6 +58,7 @@ S = TypeVar("S", bound=Section)
 SECRETS = (("signing_key",), ("password",), ("data_package_password",))  # "file:PATH" or "env:NAME"
 # The error types that pydantic reports for exceptions of this package's validators.
 OWN_ERRORS = ("value_error", "assertion_error")
+MAX_ERRORS = 6  # in one message
 
 
 def _in_use(time: datetime) -> datetime:
@@ -442,28 +444,32 @@ def flying(scenario: Scenario) -> Scenario:
 
 
 def _in_words(error: ValidationError, kind: type[BaseModel]) -> str:
-    errors = error.errors()  # a misspelt key before the missing key that it stands for
-    first = min(errors, key=lambda each: each["type"] != "extra_forbidden")
-    key = ".".join(str(part) for part in first["loc"]) or "scenario"
-    value = first.get("input")
+    # A misspelt key comes before the missing key that it stands for.
+    errors = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
+    words = list(dict.fromkeys(_error_in_words(each, kind) for each in errors))
+    more = [f"and {len(words) - MAX_ERRORS} more"] if len(words) > MAX_ERRORS else []
+    return "; ".join([*words[:MAX_ERRORS], *more])
+
+
+def _error_in_words(error: ErrorDetails, kind: type[BaseModel]) -> str:
+    key = ".".join(str(part) for part in error["loc"]) or "scenario"
+    value = error.get("input")
     # The value of a key with one of these names, even if misspelt, may be a secret.
     secret = re.search("key|sign|password|token", key)
     shown = "" if secret or isinstance(value, BaseModel) else got(value)
-    others = len(errors) - 1
-    more = f"; and {others} more" if others else ""
-    if first["type"] == "extra_forbidden":
-        *table, name = first["loc"]
+    if error["type"] == "extra_forbidden":
+        *table, name = error["loc"]
         meant = did_you_mean(str(name), keys_at(kind.model_json_schema(), table))
-        return f"{key}: unknown key{shown}{meant}{more}"
-    if first["type"] in OWN_ERRORS:
-        return f"{key}: {first['msg'].removeprefix('Value error, ')}{shown}{more}"
-    if first["type"] == "timezone_aware":
-        return f"{key}: has no UTC offset; add it, as in 2026-08-01T12:00:00-07:00{shown}{more}"
+        return f"{key}: unknown key{shown}{meant}"
+    if error["type"] in OWN_ERRORS:
+        return f"{key}: {error['msg'].removeprefix('Value error, ')}{shown}"
+    if error["type"] == "timezone_aware":
+        return f"{key}: has no UTC offset; add it, as in 2026-08-01T12:00:00-07:00{shown}"
     schema = kind.model_json_schema()
-    if first["type"] == "missing":
-        return f"{missing_key(first['loc'], schema)}{more}"
-    found = schema_at(schema, first["loc"])
-    return f"{key}: {first['msg'] if found is None else remedy(found, schema)}{shown}{more}"
+    if error["type"] == "missing":
+        return missing_key(error["loc"], schema)
+    found = schema_at(schema, error["loc"])
+    return f"{key}: {error['msg'] if found is None else remedy(found, schema)}{shown}"
 
 
 def apply_override(data: dict[str, Any], override: str) -> None:
