@@ -6,6 +6,7 @@ Simulation, live flight, replay and tests run the same core on events from diffe
 from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
+from autopilot_bridge.stacks.stacks import STACKS
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.commands import (
@@ -66,6 +67,7 @@ from mission_service.vehicles.vehicle_state import (
     announce,
 )
 
+STACK_NAMES = frozenset(each.name for each in STACKS)
 BEFORE_MODES = ("", "initialising")  # modes before the first report, and while ArduPlane boots
 
 
@@ -339,6 +341,8 @@ class Core:
 
     def _connected(self, vehicle: Vehicle, event: events.VehicleConnected) -> list[AnyCommand]:
         vehicle.atomic_upload = event.atomic_upload
+        stack = event.stack.partition(" ")[0]
+        vehicle.reported_stack = stack if stack in STACK_NAMES else ""
         return [announce(vehicle, f"connected ({event.stack})")]
 
     def _link_lost(self, vehicle: Vehicle, event: events.LinkLost) -> list[AnyCommand]:

@@ -201,8 +201,15 @@ def _autopilot(vehicle: Vehicle) -> PreflightCheck:
 
 
 def _kind(vehicle: Vehicle) -> PreflightCheck:
-    """Compare the kind with the scenario: a VTOL would climb vertically to a plane's altitude."""
+    """Compare the stack and the kind with the scenario.
+
+    A VTOL would climb vertically to a plane's altitude, and landings differ between the stacks.
+    """
     reported, kind = vehicle.reported_kind, vehicle.section.kind
+    stack, own = vehicle.reported_stack, vehicle.section.stack
+    if stack and stack != own:
+        words = f'its stack is {stack}: set stack = "{stack}" in the scenario, which has "{own}"'
+        return PreflightCheck(KIND, "fail", words)
     if not reported:
         return PreflightCheck(KIND, "unknown", "its parameters have not been read")
     if reported != kind:

@@ -129,6 +129,7 @@ class Vehicle:
     lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown
     lost_link_problem: str = ""  # what is wrong with this reaction, and the remedy
     reported_kind: str = ""  # by its autopilot's parameters; empty if unknown
+    reported_stack: str = ""  # by its heartbeat; empty if unknown
     return_flight: ReturnFlight = UNREAD  # by its parameters, as far as they were read
     current_seq: int = 0  # index of the mission item that the vehicle flies, as last reported
     takes_off: bool = False  # whether the vehicle flies the takeoff item of its mission

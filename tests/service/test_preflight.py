@@ -71,7 +71,7 @@ class Ground:
         self.home_amsl_m = float(land.elevation_at(*self.vehicle.home_m))
         self.at_s = scenario.deploy_at_s
         self.sent: list[AnyCommand] = []
-        self.handle(VehicleConnected(self.at_us, "hawk", "px4 plane", True))
+        self.handle(VehicleConnected(self.at_us, "hawk", f"{self.section.stack} plane", True))
         self.mode("hold", armed=False)
 
     @property

@@ -14,7 +14,7 @@ from mission_service.commands import GoAround, Hold, ReportChecks, Return
 from mission_service.config.scenario import load_scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
-from mission_service.events import ParametersReported
+from mission_service.events import ParametersReported, VehicleConnected
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.missions.departure import takeoff_items
 from mission_service.missions.from_path import mission_along
@@ -202,6 +202,18 @@ def test_a_vehicle_of_another_kind_does_not_start(
         return
     assert found.state == "fail"
     assert found.text.startswith(f'it is a {reported}: set kind = "{reported}"')
+    refused = ground.order("takeoff", "because")
+    assert "cannot be overridden" in "".join(getattr(each, "text", "") for each in refused)
+
+
+def test_a_vehicle_of_another_stack_does_not_start() -> None:
+    ground = Ground(landscape_of(load_scenario("default")), WAITS)
+    ground.handle(VehicleConnected(ground.at_us, "hawk", "ardupilot plane", False))
+    ground.stands()
+    checks = [each for each in ground.sent if isinstance(each, ReportChecks)][-1].checks
+    (found,) = (each for each in checks if each.name == "kind")
+    assert found.state == "fail"
+    assert 'set stack = "ardupilot" in the scenario, which has "px4"' in found.text
     refused = ground.order("takeoff", "because")
     assert "cannot be overridden" in "".join(getattr(each, "text", "") for each in refused)
 
