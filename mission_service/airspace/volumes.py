@@ -57,6 +57,17 @@ def volumes_of(section: AirspaceSection, landscape: Landscape) -> tuple[Volume, 
 
     Raises ScenarioError for a file that cannot be read, or if two volumes have the same name.
     """
+    found = [volume_of(entry, landscape) for entry in closed_in(section)]
+    if section.allowed:
+        found.append(Volume(OUTSIDE, _outside(section.allowed, landscape)))
+    return tuple(found)
+
+
+def closed_in(section: AirspaceSection) -> list[ClosedVolume]:
+    """Return the entries of all closed volumes of a scenario, including those in its files.
+
+    Raises ScenarioError for a file that cannot be read, or if two volumes have the same name.
+    """
     entries = [*section.closed]
     if section.files:
         from mission_service.airspace.volume_files import volumes_in  # imports GDAL
@@ -68,10 +79,7 @@ def volumes_of(section: AirspaceSection, landscape: Landscape) -> tuple[Volume, 
         raise ScenarioError(
             f"airspace: two closed volumes have the name {repeated[0]!r}; rename one of them"
         )
-    found = [volume_of(entry, landscape) for entry in entries]
-    if section.allowed:
-        found.append(Volume(OUTSIDE, _outside(section.allowed, landscape)))
-    return tuple(found)
+    return entries
 
 
 def volume_of(entry: ClosedVolume, landscape: Landscape) -> Volume:

@@ -19,6 +19,11 @@ from mission_service.errors import OptionError
 )
 @click.option("--vehicle", help="Name of the vehicle (default: the first of SCENARIO).")
 @click.option(
+    "--fence",
+    is_flag=True,
+    help="Add the airspace that is closed during the whole run as a fence of the autopilot.",
+)
+@click.option(
     "--what-if",
     "counts",
     is_flag=False,
@@ -40,6 +45,7 @@ def plan(
     scenario: str,
     output: Path | None,
     vehicle: str | None,
+    fence: bool,
     counts: str | None,
     minutes: float,
     overrides: tuple[str, ...],
@@ -50,6 +56,8 @@ def plan(
     With --what-if, write no mission; print the expected error of the estimated front some time
     after takeoff, without aircraft and with each number of aircraft.
     """
+    if counts is not None and fence:
+        raise click.UsageError("--what-if writes no mission, so it has no --fence")
     if counts is not None:
         _what_if(scenario, vehicle, counts, minutes, output, overrides, as_json)
         return
@@ -57,10 +65,15 @@ def plan(
         raise click.UsageError("give the .plan file to write (-o), or --what-if")
     from mission_service.simulation.demo import write_plan
 
-    count = write_plan(scenario, vehicle, output, overrides)
-    click.echo(
-        json.dumps({"plan": str(output), "items": count}) if as_json else f"{output}: {count} items"
-    )
+    written = write_plan(scenario, vehicle, output, overrides, fence)
+    for line in written.left_out:
+        echo_warning(f"not in the fence: {line}")
+    if as_json:
+        counted = {"items": written.items, "fence_items": written.fence_items}
+        click.echo(json.dumps({"plan": str(output), **counted, "left_out": written.left_out}))
+    else:
+        added = f", a fence of {written.fence_items} items" if fence else ""
+        click.echo(f"{output}: {written.items} items{added}")
 
 
 def _what_if(

@@ -6,14 +6,18 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from autopilot_bridge.items import Plan
+from autopilot_bridge.items import Items, Plan
 from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.missions.plan_file import write_any
 from autopilot_bridge.stacks.stacks import stack_named
+from firemodel.landscape.landscape import Landscape
+from mission_service.airspace.occupied_space import mission_parts, mission_places
+from mission_service.airspace.vehicle_fence import VehicleFence, fence_for
 from mission_service.config.scenario import Scenario, flying, load_scenario, scenario_path
 from mission_service.config.sections import VehicleSection
+from mission_service.core.closed_airspace import ClosedAirspace
 from mission_service.errors import MissionServiceError, ScenarioError, did_you_mean
 from mission_service.fire.scenario_fire import home_of, landscape_of
 from mission_service.guidance.registry import way_of
@@ -91,12 +95,47 @@ def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
     raise ScenarioError(f"{scenario.name} has no vehicle {name!r} {listed}")
 
 
-def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:
-    """Write a vehicle's first mission as a .plan file and return the number of items."""
+class PlanWritten(NamedTuple):
+    """The numbers of items in a plan file, and the volumes that its fence does not contain."""
+
+    items: int
+    fence_items: int
+    left_out: tuple[str, ...]
+
+
+def write_plan(
+    name: str,
+    vehicle: str | None,
+    output: Path,
+    overrides: tuple[str, ...],
+    with_fence: bool = False,
+) -> PlanWritten:
+    """Write a vehicle's first mission, and the fence of its airspace if asked, as a .plan file."""
     scenario = flying(load_scenario(name, overrides))
     landscape = landscape_of(scenario)
     section = vehicle_of(scenario, vehicle)
     items = way_of(scenario).first_mission(scenario, section, landscape)
-    plan = Plan(items, home=home_of(section, landscape))
+    _refuse_conflict(items, section, scenario, landscape)
+    fence = VehicleFence((), ())
+    if with_fence:
+        fence = fence_for(section, scenario, landscape)
+        if not fence.items:
+            reasons = "; ".join(fence.left_out) or "the scenario closes no airspace"
+            raise ScenarioError(f"{scenario.name}: --fence: no fence can be written: {reasons}")
+    plan = Plan(items, fence=fence.items, home=home_of(section, landscape))
     write_any(output, plan, stack_named(section.stack, section.kind))
-    return len(items)
+    return PlanWritten(len(items), len(fence.items), fence.left_out)
+
+
+def _refuse_conflict(
+    items: Items, section: VehicleSection, scenario: Scenario, landscape: Landscape
+) -> None:
+    """Raise ScenarioError for a first mission that would enter closed airspace."""
+    airspace = ClosedAirspace(scenario.airspace, landscape).at(scenario.first_flight_s)
+    places = mission_places(items, landscape, home_of(section, landscape)[2])
+    conflict = airspace.conflict(mission_parts(places), landscape)
+    if conflict is not None:
+        raise ScenarioError(
+            f"{scenario.name}: the first mission of {section.name} would enter {conflict}; fly it "
+            "with run or sim, which lead missions around closed volumes, or correct the airspace"
+        )

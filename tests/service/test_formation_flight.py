@@ -217,12 +217,12 @@ def test_the_first_mission_takes_off_and_loiters_anticlockwise_clear_of_the_fire
 
 def test_the_plan_of_a_vehicle_is_its_first_mission(land: Landscape, tmp_path: Path) -> None:
     plan = tmp_path / "heron.plan"
-    count = write_plan("virtual-agents", "heron", plan, ("fire.initial_cells=40",))
+    written = write_plan("virtual-agents", "heron", plan, ("fire.initial_cells=40",))
     flight = Flight(land)
     flight.place_m = (0.0, 0.0)
     (mission,) = of(flight.at(0.0), UploadMission)
     loiter = read_any(plan).mission[1]
-    assert count == len(mission.items) == 5
+    assert written.items == len(mission.items) == 5
     assert (loiter.x, loiter.y, loiter.param3) == (mission.items[1].x, mission.items[1].y, -150.0)
 
 

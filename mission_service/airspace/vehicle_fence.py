@@ -1,0 +1,103 @@
+"""Converts the airspace of a scenario to the fence of an autopilot. Pure.
+
+The fence of an autopilot has no times, and its polygons and circles have no limits of altitude. So
+it contains the volumes that are closed during the whole run from the ground to above all missions,
+and the outline of the allowed areas. Other volumes are left out, because the autopilot would also
+keep the vehicle out of them while the service flies there.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from autopilot_bridge.items import Items
+from autopilot_bridge.missions.fence_file import fence_of
+from firemodel.landscape.landscape import Landscape
+from mission_service.airspace.volumes import Volume, area_of, closed_in, ground_range_m, volume_of
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+
+RETURN_HEIGHT_M = 150.0  # height above home up to which the service checks returns
+
+
+class VehicleFence(NamedTuple):
+    """The items of a fence, and why volumes are left out: a line for each of them."""
+
+    items: Items
+    left_out: tuple[str, ...]
+
+
+def fence_for(vehicle: VehicleSection, scenario: Scenario, landscape: Landscape) -> VehicleFence:
+    """Return the fence of a vehicle.
+
+    Args:
+        vehicle: The vehicle.
+        scenario: Its airspace and times.
+        landscape: The terrain.
+
+    Returns:
+        Polygons and circles, in the order of the scenario, and the volumes that are left out.
+
+    Raises:
+        ScenarioError: A file of volumes cannot be read, or an area cannot be used.
+    """
+    section = scenario.airspace
+    top_m = _highest_m(vehicle, landscape)
+    polygons: list[dict[str, Any]] = []
+    circles: list[dict[str, Any]] = []
+    left_out = []
+    for entry in closed_in(section):
+        volume = volume_of(entry, landscape)
+        reason = _unusable(volume, scenario, top_m, landscape)
+        if reason:
+            left_out.append(f"{entry.name}: {reason}")
+        elif entry.radius_m is not None:
+            centre = [entry.lat_deg, entry.lon_deg]
+            circle = {"center": centre, "radius": entry.radius_m}
+            circles.append({"circle": circle, "inclusion": False})
+        else:
+            polygons += [_polygon(each, False, landscape) for each in _rings(volume.area_m)]
+    if section.allowed:
+        inside = shapely.union_all([area_of(entry, landscape) for entry in section.allowed])
+        rings = _rings(inside)
+        if len(rings) == 1 and not shapely.get_num_interior_rings(inside):
+            polygons.append(_polygon(rings[0], True, landscape))
+        else:
+            left_out.append("allowed areas: their union has more than one outline")
+    fence = {"version": 2, "polygons": polygons, "circles": circles}
+    return VehicleFence(fence_of(fence), tuple(left_out))
+
+
+def _highest_m(vehicle: VehicleSection, landscape: Landscape) -> float:
+    """Return the highest altitude of a vehicle's missions and returns, above mean sea level."""
+    elevation_m = landscape.elevation_m
+    ground_m = 0.0 if elevation_m is None else float(np.nanmax(elevation_m))
+    return ground_m + max(vehicle.altitude_agl_m, RETURN_HEIGHT_M)
+
+
+def _unusable(volume: Volume, scenario: Scenario, top_m: float, landscape: Landscape) -> str:
+    """Return why a fence cannot contain a volume; "" if it can."""
+    if volume.from_s > scenario.first_flight_s or volume.until_s < scenario.duration_s:
+        return "it is not closed during the whole run"
+    if volume.floor_m > -math.inf and volume.floor_m > ground_range_m(volume.area_m, landscape)[0]:
+        return "it begins above the ground"
+    if volume.ceiling_m < top_m:
+        return f"its ceiling is below {top_m:.0f} m AMSL, up to which the vehicle may fly"
+    return ""
+
+
+def _rings(area_m: BaseGeometry) -> list[shapely.LinearRing]:
+    """Return the outlines of an area, without holes."""
+    parts = shapely.get_parts(area_m)
+    return [part.exterior for part in parts if part.geom_type == "Polygon"]
+
+
+def _polygon(ring: shapely.LinearRing, inclusion: bool, landscape: Landscape) -> dict[str, Any]:
+    """Return the polygon of a plan file for a ring (x, y in metres)."""
+    places_m = shapely.get_coordinates(ring)[:-1]
+    lat_deg, lon_deg = landscape.lat_lon_of(places_m[:, 0], places_m[:, 1])
+    corners = [[float(lat), float(lon)] for lat, lon in zip(lat_deg, lon_deg, strict=True)]
+    return {"inclusion": inclusion, "polygon": corners}
