@@ -2,4 +2,4 @@
 
 
 class BridgeError(Exception):
-    """The base class of the package's errors; a message states fault, place and remedy."""
+    """The base class of the package's errors; messages state the fault, place and remedy."""

@@ -98,7 +98,7 @@ def has_degrees(item: "MissionItem") -> bool:
 
 
 def place_of(item: "MissionItem") -> tuple[float, float] | None:
-    """Return an item's latitude and longitude in degrees; None without a position or for 0, 0."""
+    """Return an item's latitude and longitude in degrees; None if it has none or both are 0."""
     if not has_degrees(item) or NO_POSITION in (item.x, item.y) or item.x == item.y == 0:
         return None
     return item.x / 1e7, item.y / 1e7
@@ -179,7 +179,7 @@ def loiter_unlimited(
 
 
 def speed_type(vehicle_kind: str) -> int:
-    """Return the SPEED_TYPE of speed commands to a ``plane``, ``vtol`` or ``copter``."""
+    """Return the SPEED_TYPE for speed commands to a ``plane``, ``vtol`` or ``copter``."""
     copter = vehicle_kind == "copter"
     return int(mavlink.SPEED_TYPE_GROUNDSPEED if copter else mavlink.SPEED_TYPE_AIRSPEED)
 
@@ -247,10 +247,10 @@ def takeoff(
 def vtol_takeoff(lat_deg: float, lon_deg: float, height_m: float) -> MissionItem:
     """Return a MAV_CMD_NAV_VTOL_TAKEOFF, with a height instead of an altitude.
 
-    ArduPlane 4.6.2 climbs by this value above its position on the ground, in every frame.
+    ArduPlane 4.6.2 climbs to this height above its position on the ground, in every frame.
 
     Args:
-        lat_deg: Latitude in degrees (WGS84) of the place to which PX4 flies as a plane after the
+        lat_deg: Latitude in degrees (WGS84) of the position that PX4 flies to as a plane after the
             climb; ArduPlane ignores it.
         lon_deg: Longitude in degrees, likewise.
         height_m: Height in metres above home up to which the vehicle climbs vertically.
@@ -264,7 +264,7 @@ def vtol_takeoff(lat_deg: float, lon_deg: float, height_m: float) -> MissionItem
 
 
 def fly_as_plane() -> MissionItem:
-    """Return a MAV_CMD_DO_VTOL_TRANSITION to forward flight, without effect on a flying plane."""
+    """Return a MAV_CMD_DO_VTOL_TRANSITION to forward flight; no effect in forward flight."""
     return MissionItem(
         mavlink.MAV_CMD_DO_VTOL_TRANSITION,
         mavlink.MAV_FRAME_MISSION,

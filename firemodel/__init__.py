@@ -7,10 +7,10 @@
     print(fire.burned_ha, fire.arrival_time_s.shape, fire.front(3600.0).wkt)
     firemodel.write_fronts(Path("fronts.geojson"), fire, [3600.0, 7200.0], "my fire")
 
-In a notebook a landscape, a fire or a front at the end of a cell is shown as a picture.
-Landscapes are read from files (``read_landscape``) or generated (``jacksboro``,
-``flat_landscape``). ``SCHEMES`` lists the spread schemes. Each module is imported when one of its
-names is first used, so that ``import firemodel`` is fast.
+In a notebook, a landscape, fire or front at the end of a cell is shown as a picture. Landscapes are
+read from files (``read_landscape``) or generated (``jacksboro``, ``flat_landscape``). ``SCHEMES``
+lists the spread schemes. Each module is imported when one of its names is first used, so that
+``import firemodel`` is fast.
 """
 
 from importlib import import_module

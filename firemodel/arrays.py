@@ -26,7 +26,7 @@ def window_at(top: int, left: int, shape: tuple[int, ...]) -> Place:
 
 
 def widened(cells: Mask, reach: int) -> Mask:
-    """Return a mask (y, x) of cells at most ``reach`` rows and columns from one of ``cells``."""
+    """Return a mask (y, x) of the cells within ``reach`` rows and columns of one of ``cells``."""
     size = 2 * reach + 1
     inside = np.pad(cells, (reach + 1, reach))
     count = inside.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
@@ -42,7 +42,7 @@ def enlarged(array: NDArray[Number], length: int) -> NDArray[Number]:
 
 
 def lengths_along(line: Floats) -> Floats:
-    """Return the distance (n,) along a line (n, 2) from its first point to each point."""
+    """Return the distances (n,) along a line (n, 2) from its first point to each point."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
 
 

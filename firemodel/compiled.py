@@ -1,9 +1,9 @@
 """Compile inner loops with Numba, and cache them on disk under a hash of all sources used.
 
-Numba's own cache checks only the file of the compiled function. A change in another file, which
-contains a function that the compiled function calls, is not detected. Therefore the name of the
-cache folder contains a hash of all files of this package, of the files in the compiled function's
-folder, and of all modules of that function's package that compile functions.
+Numba's own cache checks only the file of the compiled function. A change in another file that
+contains a function called by the compiled function is not detected. Therefore the name of the cache
+folder contains a hash of all files of this package, of the files in the compiled function's folder,
+and of all modules of that function's package that compile functions.
 """
 
 import hashlib
@@ -71,9 +71,9 @@ def _cached(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def compiled_counts() -> tuple[int, int]:
-    """Return the number of functions that are compiled or loaded, and of all imported functions.
+    """Return the number of functions compiled or loaded so far, and of all imported functions.
 
-    The first number may stay below the second, because a run does not call all functions.
+    The first number may stay below the second, because a run does not call every function.
     """
     functions = tuple(_FUNCTIONS)
     return sum(bool(each.overloads) for each in functions), len(functions)

@@ -6,4 +6,4 @@ class FireModelError(ValueError):
 
 
 class FireModelWarning(UserWarning):
-    """A warning of ``burn`` about a probably unintended input, or a fire that reached the edge."""
+    """A warning from ``burn`` about a probably unintended input or a fire that reached the edge."""

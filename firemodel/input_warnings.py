@@ -1,4 +1,4 @@
-"""Find inputs of a fire that are valid but probably unintended; each rule gives one warning."""
+"""Find fire inputs that are valid but probably unintended; each rule gives one warning."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import date, datetime, timedelta
@@ -42,8 +42,8 @@ def input_warnings(inputs: FireInputs) -> list[str]:
         inputs: The inputs, which a spread scheme has accepted or would accept.
 
     Returns:
-        Lines of text, each with the place, the value and the probable cause. The list is empty for
-        usual inputs.
+        Lines of text, each with the location, the value and the probable cause. The list is empty
+        for usual inputs.
     """
     return [line for rule in RULES for line in rule(inputs)]
 
@@ -211,7 +211,7 @@ def _ignition_at_edge(inputs: FireInputs) -> Iterator[str]:
 
 
 def _used(inputs: FireInputs) -> list[tuple[str, Weather]]:
-    """Return the entries that take effect before ``end_s``, each with its name for messages."""
+    """Return the entries that take effect before ``end_s``, each with the name used in messages."""
     source = inputs.weather.source
     return [
         (f"weather entry {number}" if source is None else source.place(entry.at_s), entry)
@@ -221,7 +221,7 @@ def _used(inputs: FireInputs) -> list[tuple[str, Weather]]:
 
 
 def _first(lines: Sequence[str], kind: str) -> Iterable[str]:
-    """Return a list of the first line with the number of the other lines, or an empty list.
+    """Return a list with the first line and the number of further lines, or an empty list.
 
     ``kind`` is the noun for the counted lines.
     """

@@ -1,4 +1,4 @@
-"""Define the base of the objects that notebooks show as pictures."""
+"""Define the base class of the objects that notebooks show as pictures."""
 
 from importlib import import_module
 from typing import Any
@@ -7,8 +7,8 @@ from typing import Any
 class NotebookObject:
     """An object that a notebook shows as a picture and as a table of facts.
 
-    ``outputs.notebook_views`` draws the picture. This module is imported at the first use, because
-    it imports the modules of these objects.
+    ``outputs.notebook_views`` draws the picture. That module is imported on first use, because it
+    imports the modules of these objects.
     """
 
     def _repr_png_(self) -> bytes:

@@ -41,18 +41,18 @@ def burn(
 ) -> Fire:
     """Simulate a fire that is lit at 0 s on a landscape, for a given duration.
 
-    The rates of spread are Rothermel's (1972, INT-115; Albini 1976, INT-30); where crowns burn they
-    are those of ``physics/crown_fire.py``. The default scheme computes arrival times by integrating
-    these rates along straight lines at any angle (``spread/anyangle.py``).
+    The rates of spread are Rothermel's (1972, INT-115; Albini 1976, INT-30); where crowns burn, the
+    rates are those of ``physics/crown_fire.py``. The default scheme computes arrival times by
+    integrating these rates along straight lines at any angle (``spread/anyangle.py``).
 
     Args:
         landscape: Terrain and fuel, or the path of a file with named bands (.lcp, GeoTIFF; see
             ``read_landscape``). Default: ``jacksboro()``, 200 x 200 cells of 30 m in Tennessee.
-        weather: A stream, a single entry for the whole time, or the path of a weather file (see
+        weather: A stream, a single entry for the whole duration, or the path of a weather file (see
             ``read_weather``). Default: dry weather with a wind of 4 m/s from the north-east.
         ignitions: WGS84 (latitude, longitude) of points in degrees, or the path of a file of
-            points, lines or polygons (GeoJSON, KML, GeoPackage, Shapefile). Default: the cell in
-            the middle.
+            points, lines or polygons (GeoJSON, KML, GeoPackage, Shapefile). Default: the centre
+            cell.
         duration_s: Duration of the simulation in seconds.
         scheme: A spread scheme, a key of ``SCHEMES``.
         settings: Settings of the scheme, such as ``crown="scott_reinhardt"`` (crown fire) or

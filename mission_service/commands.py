@@ -1,6 +1,6 @@
-"""Defines the commands: the outputs of the core, which makes all decisions of a run.
+"""Defines the commands: the outputs of the core, which makes all decisions in a run.
 
-Each command is journalled after the event that caused the command.
+Each command is journalled after the event that caused it.
 """
 
 from typing import Literal
@@ -321,7 +321,7 @@ AnyCommand = (
 )
 
 # The commands that the vehicle's client executes, with their names in the bridge's table
-# (``autopilot_bridge/vehicle/orders.py``). The fields of a command are the arguments, in order.
+# (``autopilot_bridge/vehicle/orders.py``). A command's fields are the arguments, in order.
 ORDER_NAMES: dict[type[AnyCommand], str] = {
     StartMission: "start mission",
     Hold: "hold",

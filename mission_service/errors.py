@@ -58,14 +58,14 @@ class FlightError(MissionServiceError):
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean NAME?`` with the known name that is most like ``given``.
+    """Return ``; did you mean NAME?`` with the known name that is most similar to ``given``.
 
     Args:
         given: An unknown name.
         known: The names that are valid in its place.
 
     Returns:
-        Text for the end of an error, or an empty text if no known name is similar. Case is ignored.
+        Text to append to an error, or an empty text if no known name is similar. Case is ignored.
     """
     names = {name.casefold(): name for name in known}
     found = get_close_matches(given[:MAX_COMPARED].casefold(), names, n=1)
@@ -73,5 +73,5 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
 
 
 def in_words(error: BaseException) -> str:
-    """Return the type and the text of an exception in one line."""
+    """Return the type and text of an exception on one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())

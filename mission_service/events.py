@@ -1,8 +1,8 @@
 """Defines the events: the inputs of the core. Events are journalled before they are handled.
 
-``at_us`` is mission time in integer microseconds; 0 is the beginning of the scenario's fire.
+``at_us`` is mission time in integer microseconds; 0 is the start of the scenario's fire.
 
-The types include the limits of values. Each journal line is decoded before it is written. Therefore
+The types include the limits of their values. Each journal line is decoded before it is written, so
 an event with a value that is out of range or not a number is neither journalled nor handled.
 """
 
@@ -290,7 +290,7 @@ class ModeChanged(Event, frozen=True, tag=True):
 
     custom_mode: Count
     armed: bool
-    mode: str = ""  # the bridge's name of the mode
+    mode: str = ""  # the bridge's name for the mode
 
 
 class PeerMessage(Event, frozen=True, tag=True):

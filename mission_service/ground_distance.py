@@ -1,13 +1,13 @@
-"""Computes distances between nearby positions on a spherical Earth; defines units of length."""
+"""Computes distances between nearby positions on a spherical Earth; defines length units."""
 
 import math
 
-M_PER_DEG = 111_195.0  # metres for one degree of latitude
+M_PER_DEG = 111_195.0  # metres per degree of latitude
 M_PER_FT, M_PER_NMI = 0.3048, 1852.0
 
 
 def offset_m(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """Return the metres north and east from one position (lat_deg, lon_deg) to another."""
+    """Return the offset in m, north and east, from one position (lat_deg, lon_deg) to another."""
     north_m = M_PER_DEG * (other[0] - one[0])
     return north_m, M_PER_DEG * (other[1] - one[1]) * math.cos(math.radians(one[0]))
 

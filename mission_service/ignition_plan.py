@@ -1,4 +1,4 @@
-"""Defines the plan of one ignition line; operators approve a plan by the plan's hash."""
+"""Defines the plan of one ignition line; operators approve a plan by its hash."""
 
 import hashlib
 
@@ -18,7 +18,7 @@ class PathPoint(msgspec.Struct, frozen=True):
 class PlannedDrop(msgspec.Struct, frozen=True):
     """The planned position of an ignition sphere on the ground, and the time of its drop."""
 
-    number: int  # number in the plan, from 0 in the order of drops
+    number: int  # number in the plan, counted from 0 in drop order
     lat_deg: float
     lon_deg: float
     after_s: float  # time after the plan's start
@@ -34,7 +34,7 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     """
 
     vehicle: str
-    line: int  # number of the line in the burn, from 1
+    line: int  # number of the line in the burn, counted from 1
     made_at_us: int
     begin_us: int
     valid_until_us: int

@@ -1,4 +1,4 @@
-"""Write mission times for people."""
+"""Formats mission times for people."""
 
 
 def clock_text(at_us: int) -> str:

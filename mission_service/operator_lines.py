@@ -1,4 +1,4 @@
-"""Describes operators' changes of the fire and of settings, and notes, in one line. Pure."""
+"""Describes operators' notes and changes to the fire or to settings in one line each. Pure."""
 
 from mission_service import events
 
@@ -36,7 +36,7 @@ def operator_line(event: events.AnyEvent) -> str:
 
 
 def _when(event: events.Corrected) -> str:
-    """Return the time of the drawn state, if it is not the time of the correction."""
+    """Return the time of the drawn state, if it differs from the time of the correction."""
     minutes = round((event.marked_at_us - event.at_us) / 60e6)
     if minutes == 0:
         return ""

@@ -1,16 +1,16 @@
 """Defines the messages between UAVs. ``at_us`` is the sender's mission time.
 
-A cell is the number ``row * cols + col`` in the landscape's grid; lists of cells are in ascending
-order. The sections and messages cited are those of the virtual-agents paper.
+A cell is given by its index ``row * cols + col`` in the landscape's grid; lists of cells are in
+ascending order. The sections and messages cited are those of the virtual-agents paper.
 """
 
 from typing import Annotated
 
 import msgspec
 
-# Limits are checked when a message is decoded, because kernels compute with 64 bits.
+# Limits are checked when a message is decoded, because kernels use 64-bit integers.
 Us = Annotated[int, msgspec.Meta(ge=0, lt=2**61)]
-Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # number of a cell or of a tile, or a count
+Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # index of a cell or of a tile, or a count
 
 
 class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):

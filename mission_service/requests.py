@@ -1,16 +1,16 @@
-"""Defines the requests of operators in one table for all interfaces. Pure.
+"""Defines operators' requests in one table for all interfaces. Pure.
 
-A request is a JSON object: ``do`` names the request, ``by`` the user, and ``station`` the place of
-the user. Further keys depend on the request. One struct defines each request: the keys with bounds
-and help texts, the help text of the request (the docstring, with a summary in the first line), the
+A request is a JSON object: ``do`` names the request, ``by`` the user, and ``station`` the user's
+location. Further keys depend on the request. One struct defines each request: the keys with bounds
+and help texts, the request's help text (the docstring, with a summary in the first line), the
 required role, the HTTP path, whether MQTT accepts the request, an example, and the resulting event.
 HTTP routes and their description, MQTT commands and their schemas, the control socket and the
 command line are generated from these structs.
 
 A way of flying is the guidance for planner rules (``guidance/way_of_flying.py``). This module
 contains the requests that every way of flying accepts (``OF_EVERY_RUN``) and the requests that
-apply to vehicles with missions (``OF_VEHICLES``). Requests for a single way of flying are in the
-folder of that way of flying.
+apply to vehicles with missions (``OF_VEHICLES``). Requests for a single way of flying are in its
+folder.
 """
 
 from collections.abc import Callable
@@ -25,14 +25,14 @@ from mission_service.errors import RequestError
 MIN_SPEED, MAX_SPEED = 0.1, 100.0  # speeds of a replay
 MAX_DURATION_S = 1e7  # longer durations are refused as mistakes
 MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as mistakes
-MAX_FIRE_LENGTH_M = 500_000.0  # limit for outlines of fires, which may come from other sources
+MAX_FIRE_LENGTH_M = 500_000.0  # limit for fire outlines, which may come from other sources
 MAX_SIDE_CELLS = 256  # rows and columns of a raster
 MAX_AGE_S = 21_600.0  # maximum age of an observation
 
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
 Role = Literal["look", "observe", "correct", "fly", "approve"]
 
-# Patterns of texts, and their descriptions in errors. Python's $ also matches before a line break.
+# Text patterns, and their descriptions in errors. Python's $ also matches before a line break.
 NAME = r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$(?!\n)"
 PRINTED = r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)"
 VISIBLE = r"^[!-~]+$(?!\n)"
@@ -75,7 +75,7 @@ Places = Annotated[
     tuple[tuple[Latitude, Longitude], ...],
     Meta(min_length=1, max_length=1000, description="Latitude and longitude of each point."),
 ]
-# The errors and the source of an observation.
+# The errors and source of an observation.
 Age = Annotated[float, Meta(ge=0, le=MAX_AGE_S, description="Time since the observation.")]
 PositionSd = Annotated[
     float, Meta(ge=0, le=MAX_LENGTH_M, description="Standard deviation of the position.")
@@ -116,13 +116,13 @@ class Request(
     must exist in the run; ``points``, ``lat_deg`` and ``lon_deg`` must be on the landscape.
     """
 
-    # The type of the resulting event, with the fields time, user, station, and then the request's
-    # further keys in order.
+    # The type of the resulting event, whose fields are time, user and station, followed by the
+    # request's further keys in order.
     makes: ClassVar[Callable[..., events.AnyOperatorEvent]]
-    role: ClassVar[Role]  # role that the user needs
+    role: ClassVar[Role]  # role required of the user
     path: ClassVar[str]  # HTTP path; ``{name}`` is the vehicle, ``{do}`` the request
     method: ClassVar[str] = "POST"
-    operation: ClassVar[str | None] = None  # operation id in OpenAPI; None: made from the path
+    operation: ClassVar[str | None] = None  # operation id in OpenAPI; None: derived from the path
     # Whether MQTT accepts the request. Requests that may cause drops are not accepted, because a
     # broker does not identify users.
     over_mqtt: ClassVar[bool] = True

@@ -1,6 +1,6 @@
-"""Photos of places: checks of uploaded files, and the folder beside the journal that holds them.
+"""Checks uploaded photos of places, and stores them in a folder beside the journal.
 
-The journal holds only the name of a photo: the SHA-256 of its bytes, and its format. Positions in
+The journal contains only a photo's name: the SHA-256 of its bytes, and its format. Positions in
 a photo's EXIF data are not used; the note states the place.
 """
 
@@ -15,7 +15,7 @@ FORMATS = {"JPEG": "jpg", "PNG": "png", "WEBP": "webp"}
 MEDIA_TYPES = {"jpg": "image/jpeg", "png": "image/png", "webp": "image/webp"}
 FOLDER = "photos"
 MAX_PIXELS = 64_000_000
-MAX_PHOTOS_BYTES = 2_000_000_000  # of all photos of a run
+MAX_PHOTOS_BYTES = 2_000_000_000  # for all photos of a run
 NAMED = re.compile(r"[0-9a-f]{64}\.(jpg|png|webp)")
 
 
@@ -39,7 +39,7 @@ def photo_name(data: bytes) -> str:
         raise
     except UnidentifiedImageError:
         raise PhotoError("the file is not a photo; send JPEG, PNG or WebP") from None
-    # Pillow raises many kinds of errors for damaged files.
+    # Pillow raises many kinds of exceptions for damaged files.
     except Exception as error:
         words = " ".join(str(error).split())[:100] or type(error).__name__
         raise PhotoError(f"the photo is damaged: {words}; take or export it again") from None
@@ -64,6 +64,6 @@ def store_photo(run: Path, data: bytes) -> str:
 
 
 def photo_path(run: Path, name: str) -> Path | None:
-    """Return the file of a stored photo, or None if there is none of this name."""
+    """Return the path of a stored photo, or None if there is none with this name."""
     path = run / FOLDER / name
     return path if NAMED.fullmatch(name) and path.is_file() else None

@@ -22,14 +22,14 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.shapes import into_crs, records_of
 
-LARGEST_BYTES = 8_000_000  # size of an upload
+LARGEST_BYTES = 8_000_000  # of an upload
 MAX_UNPACKED_BYTES = 32_000_000
 MAX_MEMBERS = 1000  # files in an archive
 MAX_FEATURES = 5000
 MAX_VERTICES = 200_000
 DEEPEST = 64  # limit of nested elements in KML
 WGS84 = "EPSG:4326"
-# Names of WGS84 in the crs member of older GeoJSON, and of NAD83, which differs by up to 2 m.
+# Names, in the crs member of older GeoJSON, of WGS84 and of NAD83, which differs by up to 2 m.
 LON_LAT = re.compile(r"(urn:ogc:def:crs:OGC:.*:CRS84|(urn:ogc:def:crs:)?EPSG:+(4326|4269))$")
 EPSG = re.compile(r"(?:urn:ogc:def:crs:)?EPSG:+(\d{4,6})$")
 SHAPEFILE, POLYGONS = 9994, (5, 15, 25)  # first number of a .shp; shape types that are polygons
@@ -46,7 +46,7 @@ class Drawn(NamedTuple):
 def features_in(data: bytes, name: str) -> list[Drawn]:
     """Return all features in a GeoJSON, KML, KMZ or zipped Shapefile, whose format is detected.
 
-    The shapes may be empty, invalid, or other than polygons. ``name`` is for messages. Raises
+    The shapes may be empty, invalid or not polygons. ``name`` is for messages. Raises
     FireModelError with one line for a file that is too large or cannot be read.
     """
     if len(data) > LARGEST_BYTES:
@@ -98,7 +98,7 @@ def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
                         f"{name}: {inside} is encrypted or has an unusual compression; use a plain "
                         "ZIP"
                     )
-                # Sizes in an archive may be false: limit the bytes that are read.
+                # Sizes stated in an archive may be false: limit the bytes that are read.
                 with archive.open(member) as file:
                     found.setdefault(inside, file.read(left + 1))
                 left -= len(found[inside])
@@ -250,7 +250,7 @@ def _from_kml(data: bytes, name: str) -> list[Drawn]:
 
 
 def _check_xml(data: bytes, name: str) -> None:
-    """Refuse attacks by XML entities (all of them need a document type) and by deep nesting."""
+    """Refuse XML entity attacks (all of which need a document type) and deep nesting."""
     depth = 0
 
     def begins(_name: str, _attributes: dict[str, str]) -> None:
@@ -284,14 +284,14 @@ def _local(element: Any) -> str:
 
 
 def _all(element: Any, tag: str) -> list[Any]:
-    """Return all descendants with a tag, in any of the namespaces of KML."""
+    """Return all descendants with a tag, in any KML namespace."""
     return [below for below in element.iter() if _local(below) == tag]
 
 
 def _kml_shape(placemark: Any, where: str) -> BaseGeometry:
     """Return the polygons of a placemark; if there are none, its lines and points.
 
-    Points beside polygons are places of labels. The shape may be an empty MultiPolygon.
+    Points next to polygons are label positions. The shape may be an empty MultiPolygon.
     """
     polygons = []
     for polygon in _all(placemark, "Polygon"):
@@ -326,7 +326,7 @@ def _ring(coordinates: Any, where: str) -> list[tuple[float, float]]:
 
 
 def _places(coordinates: Any, where: str) -> list[tuple[float, float]]:
-    """Return the positions (longitude, latitude) in an element ``coordinates``."""
+    """Return the positions (longitude, latitude) in a ``coordinates`` element."""
     found = []
     for text in (coordinates.text or "").split():
         parts = text.split(",")

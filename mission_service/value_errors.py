@@ -1,7 +1,7 @@
-"""Converts validation errors of msgspec, pydantic and FastAPI to one line: key, remedy, value.
+"""Converts msgspec, pydantic and FastAPI validation errors to one line: key, remedy, value.
 
 The remedy is derived from the JSON schema of the refused key. The texts are therefore the same for
-requests over all interfaces, the scenario file, the tokens file and the query parameters of HTTP.
+requests over all interfaces, the scenario file, the tokens file and HTTP query parameters.
 """
 
 import re
@@ -43,16 +43,16 @@ _MISSING, _UNKNOWN_KEY = (
 
 
 def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
-    """Return the text of msgspec's error about a value that should be a ``kind``.
+    """Return the text for msgspec's error about a value that should be a ``kind``.
 
     Args:
-        error: The ValidationError, OverflowError or UnicodeError of ``msgspec.convert``.
+        error: The ValidationError, OverflowError or UnicodeError from ``msgspec.convert``.
         kind: The type that was expected.
         value: The whole value; the text shows only the refused part. By default, the text shows no
             value.
 
     Returns:
-        One line without the name of a type: "speed_m_s: give a number from 0 to 150 (got -3)".
+        One line without a type name: "speed_m_s: give a number from 0 to 150 (got -3)".
     """
     if isinstance(error, UnicodeError):
         return "a text contains a character that is not valid Unicode; remove it"
@@ -84,13 +84,13 @@ def schema_at(schema: Schema, path: Path) -> Schema | None:
 
     Args:
         schema: The schema of the whole value.
-        path: The keys and the indices of lists from the whole value to the part.
+        path: The keys and list indices that lead from the whole value to the part.
     """
     return _at(schema, list(path), schema)
 
 
 def keys_at(schema: Schema, path: Path) -> list[str]:
-    """Return the keys of the table at a path, of all its variants; empty for other values."""
+    """Return the keys of all variants of the table at a path; empty for other values."""
     found = schema_at(schema, path)
     variants = [] if found is None else found.get("anyOf", [found])
     parts = (_resolved(each, schema) for each in variants)
@@ -152,7 +152,7 @@ def _allowed(part: Schema, whole: Schema) -> list[str]:
 
 
 def _limits(part: Schema) -> str:
-    """Return the limits of a number or of a length as text that begins with a separator."""
+    """Return the limits of a number or a length as text that begins with a separator."""
     if "minimum" in part and "maximum" in part:
         return f" from {_number(part['minimum'])} to {_number(part['maximum'])}"
     words = {
@@ -199,6 +199,6 @@ def got(value: Any) -> str:
         return ""
     try:
         text = value.isoformat() if isinstance(value, datetime) else repr(value)
-    except ValueError:  # a whole number of thousands of digits
+    except ValueError:  # an integer with thousands of digits
         return ""
     return f" (got {text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 1] + '…'})"

@@ -1,4 +1,4 @@
-"""Finds shortest paths inside an area by the visibility graph of its corners."""
+"""Finds shortest paths inside an area using the visibility graph of its corners."""
 
 import heapq
 import math
@@ -14,16 +14,16 @@ Booleans = NDArray[np.bool_]
 Vertex = tuple[float, float]
 
 CLEAR_M = 1.0  # distance between paths and corners if the area is wide enough
-ROUNDING = 1e-9  # the largest distance from a line at which a position counts as on the line
+ROUNDING = 1e-9  # positions within this distance of a line count as on the line
 
 
 class VisibilityGraph:
     """The visibility graph of an area's corners, for shortest paths inside the area.
 
-    The visibility between two corners is computed when a search first needs the result.
+    The visibility between two corners is computed when a search first needs it.
 
     Args:
-        area: The area; paths are in its units.
+        area: The area, whose units apply to the paths.
         clear: The distance between paths and corners if the area is wide enough.
         only_tangents: Whether the graph contains only tangents to the outlines. A search then takes
             a fraction of the time, but may find no path through a passage narrower than twice the
@@ -94,10 +94,10 @@ class VisibilityGraph:
         return [*back, begin][::-1]
 
     def _bends_inside(self) -> Floats:
-        """Return the possible bends (n, 3, 2) of paths that keep clear of the outlines."""
+        """Return the possible bends (n, 3, 2) of paths that stay clear of the outlines."""
         if self._bends is None:
             inner: BaseGeometry = self.area.buffer(-self._clear, join_style="mitre")
-            # Circles get fewer corners; the visibility is tested in the area itself.
+            # Circles are given fewer corners; visibility is tested in the area itself.
             inner = (self.area if inner.is_empty else inner).simplify(self._clear / 2.0)
             self._bends = _bends(inner)
             self._lengths = np.full((len(self._bends), len(self._bends)), np.nan)
@@ -119,9 +119,9 @@ class VisibilityGraph:
         return lengths
 
     def _visible_from(self, place: Vertex, bends: Floats, useful: Booleans) -> Floats:
-        """Return the distances from either end of a path to bends, in the form of ``_visible``."""
+        """Return the distances from either end of a path to bends, as ``_visible`` does."""
         if self._only_tangents:
-            # An end of a path may be nearer to an outline than the bends are.
+            # An end of a path may be closer to an outline than the bends are.
             useful = useful & _is_tangent(bends, np.asarray(place), 2.0 * self._clear)
         return self._visible(place, bends, useful)
 

@@ -29,7 +29,7 @@ class VehicleClient(Protocol):
             items: The items without ArduPilot's home.
             now_us: Time in microseconds.
             begin: The item to fly next: ``restart`` means the first item, ``keep`` the item with
-                the number of the current item, and a number (from 0) the item with that number.
+                the index of the current item, and a number (from 0) the item with that index.
             holds_first: Hold during the upload if the autopilot would otherwise fly a partly
                 overwritten list.
 

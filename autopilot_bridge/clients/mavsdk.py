@@ -3,10 +3,10 @@
 MAVSDK (a C library in this process) receives the bytes from the ``Connection``. MAVSDK detects the
 vehicle, transfers missions and repeats commands. This module adds three steps that real autopilots
 require. A mission is checked before its upload, because ArduPilot keeps a truncated mission after a
-rejected item. After the upload the mission is read back, because MAVSDK's result does not prove the
-upload. The mission is then started by an item number, because ArduPlane flies to its old target
-until an item is commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot
-reports another number, that function repeats the request without end and without delay.
+rejected item. After the upload the mission is read back, because MAVSDK's result does not prove
+success. The mission is then started by commanding an item, because ArduPlane flies to its old
+target until an item is commanded. MAVSDK's ``set_current_mission_item`` is not used: if the
+autopilot reports another number, that function repeats the request endlessly and without delay.
 """
 
 import asyncio
@@ -61,7 +61,7 @@ class MavsdkClient:
         clock: Returns the link's time in microseconds.
         tlog: Records the frames sent and received; the caller closes it.
         signing: Signs all sent frames; received frames without a valid signature are dropped.
-        link_id: The link id of signatures, 0 to 255.
+        link_id: The link id in signatures, 0 to 255.
         max_speed_m_s: Positions that imply a higher speed are discarded; None means no limit.
 
     Raises:
@@ -150,7 +150,7 @@ class MavsdkClient:
         return self._last_command
 
     def read_parameter(self, name: str, now_us: int) -> int:
-        """Read one parameter; not through MAVSDK, which does not report unknown names."""
+        """Read one parameter without MAVSDK, which does not report unknown names."""
         request_id = self._parameters.read(name, self._target, self._connected_stack())
         self._send_own(self._parameters.start_next(now_us))
         return request_id
@@ -222,8 +222,8 @@ class MavsdkClient:
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
         """Pass frames from the vehicle's remote to MAVSDK and to the client's own monitor.
 
-        MAVSDK receives frames only after a HEARTBEAT has identified the remote. Frames that have a
-        value out of bounds are not passed.
+        MAVSDK receives frames only after a HEARTBEAT has identified the remote. Frames with a value
+        out of bounds are not passed on.
         """
         if self._source is None:
             self._source = RemoteBinding(HEARTBEAT_TIMEOUT_US, self.called, self._signed)

@@ -71,7 +71,7 @@ def upload_result(
     """Return the result of an upload, given MAVSDK's ``verdict`` and the items that were ``read``.
 
     ``read`` is None if the read-back failed. After a TIMEOUT the upload may be complete, because
-    perhaps only the last reply was lost.
+    only the last reply may have been lost.
     """
     reason = f"MAVSDK: {verdict}"
     may_be_complete = verdict in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")

@@ -8,7 +8,7 @@ from autopilot_bridge.clients.mavsdk_library import library
 
 POLL_INTERVAL_S = 0.05
 DETECTION_TIMEOUT_S = 10.0
-CALL_TIMEOUT_S = 120.0  # longer than the transfer of the longest mission by a slow radio
+CALL_TIMEOUT_S = 120.0  # longer than the transfer of the longest mission over a slow radio
 NO_ANSWER = "NO_ANSWER"  # the result of a call that does not return
 CLOSE_TIMEOUT_S = 5.0  # time for active transfers to end when the service stops
 Result = TypeVar("Result")
@@ -77,7 +77,7 @@ class MavsdkSystem:
 
     def _returned(self, task: asyncio.Task[Any]) -> None:
         self._calls.discard(task)
-        # Read the result here, because perhaps no task waits for it.
+        # Read the result here, because no task may be waiting for it.
         task.cancelled() or task.exception()
 
     async def pause(self) -> None:

@@ -1,6 +1,7 @@
 """Transfers missions through MAVSDK, with the additional steps that real autopilots require.
 
-A mission is checked before its upload, read back after the upload, and started by an item number.
+A mission is checked before its upload, read back after the upload, and started by commanding an
+item.
 """
 
 from collections.abc import Callable, Coroutine

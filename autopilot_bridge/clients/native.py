@@ -116,7 +116,7 @@ class NativeClient:
 
     @property
     def position(self) -> Position | None:
-        """The last received position that is plausible."""
+        """The last plausible position received."""
         return self._monitor.position
 
     # Requests of the user ---------------------------------------------------------------------
@@ -134,11 +134,11 @@ class NativeClient:
         """Replace the mission, fence or rally points; TransferFinished reports the result.
 
         ``begin`` selects the item of the new mission to fly next: ``restart`` means the first item,
-        ``keep`` the item with the number of the current item, and a number (from 0) the item with
-        that number. With ``check`` the list is read back after it was accepted. With
-        ``holds_first`` a vehicle that flies its mission holds during the upload if the autopilot
-        would otherwise fly a partly overwritten list. After a failed upload the vehicle continues
-        to hold. With ``by_file`` the client uses MAVFTP if the autopilot supports it. An upload
+        ``keep`` the item with the index of the current item, and a number (from 0) the item with
+        that index. With ``check`` the list is read back after it was accepted. With ``holds_first``
+        a vehicle that is flying its mission holds during the upload if the autopilot would
+        otherwise fly a partly overwritten list. After a failed upload the vehicle continues to
+        hold. With ``by_file`` the client uses MAVFTP if the autopilot supports it. An upload
         replaces a queued upload of the same kind.
         """
         job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
@@ -231,7 +231,7 @@ class NativeClient:
             self.receive_message(message, now_us)
 
     def receive_message(self, message: Message, now_us: int, link: int = 0) -> None:
-        """Process a message from any sender on a link, which is numbered if there are several."""
+        """Process a message from any sender; ``link`` is the number of the receiving link."""
         self._due_us = None
         kind = message.get_type()
         is_from_vehicle = self._from_vehicle(message)
@@ -282,7 +282,7 @@ class NativeClient:
 
     def next_timer(self) -> int:
         """Return the time of the next ``handle_timer`` call."""
-        if self._due_us is None or self.links is not None:  # other clients use the links too
+        if self._due_us is None or self.links is not None:  # other clients also use the links
             self._due_us = self._earliest_timer()
         return self._due_us
 
@@ -327,7 +327,7 @@ class NativeClient:
         self._send(*self._parameters.handle_timer(now_us))
 
     def _check_links(self, links: LinkSet, busy: bool, now_us: int) -> None:
-        """Change to the better link if necessary; a transfer continues over this link."""
+        """Switch to a better link if necessary; a transfer continues over the new link."""
         requests, changed = links.handle_timer(busy, now_us)
         self._send(*requests)
         if changed is not None:
@@ -351,7 +351,7 @@ class NativeClient:
         return bool(header.srcSystem == self._target_system and header.srcComponent == AUTOPILOT)
 
     def _receive_component(self, message: Message, now_us: int) -> None:
-        """Process a message of a camera, gimbal or ADS-B receiver, which may be a component."""
+        """Process a message of a camera, gimbal or ADS-B receiver, maybe a separate component."""
         decode = aircraft_seen if message.get_type() == ADSB_VEHICLE else camera_event
         event = None if self.stack is None else decode(message, now_us)
         if event is not None:

@@ -1,9 +1,9 @@
 """Handles several vehicles on one link; a vehicle is detected by its heartbeat and has a client.
 
-The shared link is a peer of a connection. The shared link decodes each message once and passes the
-message to the client of the sending system. A link and a system id together identify a vehicle: the
-same id on another link belongs to another vehicle. ``remote_binding.py`` selects the remote whose
-messages a client accepts.
+The shared link is a peer of a connection; it decodes each message once and passes it to the client
+of the sending system. A link and a system id together identify a vehicle: the same id on another
+link belongs to another vehicle. ``remote_binding.py`` selects the remote whose messages a client
+accepts.
 
 The connection may have several links, numbered from 0. A vehicle may then have several of these
 links: its client receives from all of them, and sends over one (``vehicle/link_set.py``).
@@ -118,7 +118,7 @@ class SharedLink:
         self._receive(remote, self._codecs[link].decode_frames(frames), now_us, link)
 
     def receive_copies(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
-        """Record frames that were received over another link before, for the quality of a link.
+        """Record frames already received over another link, to measure link quality.
 
         Anyone can repeat a signed frame: copies bind no vehicle to a remote.
         """

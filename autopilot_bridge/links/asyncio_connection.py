@@ -1,8 +1,9 @@
 """Connects links to a peer in asyncio: moves frames between them and sets the peer's timer.
 
-A *peer* is a protocol endpoint that does no input or output of its own. A *remote* is another end
-of a link: an address and port, or a connection. A connection usually has one link. If it has
-several, they are numbered from 0; each has its own transport, link id of signatures, and counts.
+A *peer* is a protocol endpoint that does no input or output of its own. A *remote* is an endpoint
+at the other end of a link: an address and port, or a connection. A connection usually has one link.
+If it has several, they are numbered from 0; each has its own transport, signature link id and
+counts.
 """
 
 import asyncio
@@ -46,7 +47,7 @@ class RemotesPeer(Protocol):
         """Process complete frames from a remote of a link."""
 
     def receive_copies(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
-        """Process signed frames that were received over another link before."""
+        """Process signed frames that were already received over another link."""
 
     def addressed_to_send(self) -> list[tuple[int, str, bytes]]:
         """Return the frames to send, each with its link and remote; "" means all remotes."""
@@ -58,7 +59,7 @@ class Port:
     Args:
         number: The number of the link, from 0.
         address: The address of the link.
-        link_id: The link id of signatures, 0 to 255.
+        link_id: The link id in signatures, 0 to 255.
         connection: Receives the frames.
     """
 
@@ -91,7 +92,7 @@ class Connection:
         rate: The speed of ``clock`` relative to real time.
         tlog: Records the frames sent and received; the caller closes it.
         signing: Signs all sent frames; received frames without a valid signature are dropped.
-        link_id: The link id of signatures, 0 to 255; or one for each link.
+        link_id: The link id in signatures, 0 to 255; or one for each link.
 
     Raises:
         BridgeError: The address is not valid, or cannot be opened when the context is entered.
@@ -248,8 +249,8 @@ class Connection:
     def _accepted(self, remote: str, frames: list[bytes], port: Port) -> list[bytes]:
         """Return the frames with valid signatures.
 
-        A frame that a router sends over several links is valid on the first link only, as any
-        repeated frame. On the other links its copies show that the links work.
+        A frame that a router sends over several links is valid on the first link only, like
+        any repeated frame. Its copies on the other links show that those links work.
         """
         assert self._signing is not None
         accepted, copies = [], []

@@ -105,7 +105,7 @@ class Codec:
 def _encode_numeric(message: Message, sent: tuple[int, int, int]) -> bytes:
     """Return the frame of a numeric message; ``sent`` is (sequence, system, component).
 
-    This function is faster than that of pymavlink.
+    This function is faster than pymavlink's.
     """
     message_id = message.get_msgId()  # not named ``id``, because some messages have a field ``id``
     values = _VALUES_OF[message_id](message)

@@ -125,7 +125,7 @@ def in_dialect(message_id: int) -> bool:
 
 
 def checksum(data: bytes, message_id: int) -> int:
-    """Return the X.25 checksum of a frame; ``data`` is the frame from its length to its payload."""
+    """Return a frame's X.25 checksum; ``data`` is the frame from the length byte to the payload."""
     return mcrf4xx(_DIALECT[message_id][1], mcrf4xx(data))
 
 

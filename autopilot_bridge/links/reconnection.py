@@ -39,7 +39,7 @@ class ReconnectingStream:
         self._task: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Start to connect.
+        """Start connecting.
 
         A serial device must exist, and a host name must resolve; a TCP server may start later.
         """

@@ -98,9 +98,9 @@ class Udp(asyncio.DatagramProtocol):
             await self._closed.wait()
 
     def datagram_received(self, data: bytes, addr: Where) -> None:
-        """Pass the frames of this datagram, and of other datagrams that wait, to the listener.
+        """Pass the frames of this datagram, and of any waiting datagrams, to the listener.
 
-        asyncio reads one datagram in each turn of its loop. More datagrams are read here only if
+        asyncio reads one datagram per iteration of its loop. More datagrams are read here only if
         they are likely (several remotes, short intervals), because an attempt that finds no
         datagram costs as much as reading one.
         """

@@ -1,7 +1,7 @@
 """Reads ArduPilot's DataFlash logs (.bin), a self-describing format.
 
-A message consists of the bytes A3 95, a type and values. An FMT message (type 128) names the
-columns of one type and the formats of the columns. Source: ArduPilot 4.6
+A message consists of the bytes A3 95, a type and values. An FMT message (type 128) gives the names
+and formats of the columns of one type. Source: ArduPilot 4.6
 ``libraries/AP_Logger/LogStructure.h``. Times are in microseconds since boot (``TimeUS``); GPS
 messages contain the date.
 """
@@ -92,7 +92,7 @@ class DataFlashLog(Log):
             yield Entry(self.system_id, event)
 
     def _messages(self, names: frozenset[str]) -> Iterator[tuple[str, Values]]:
-        """Yield the name and values of each message that has one of these names and a time."""
+        """Yield the name and values of each message that has a time and one of these names."""
         lengths = [0] * 256
         lengths[FMT] = FMT_BYTES
         kinds: list[_Kind | None] = [None] * 256
@@ -132,7 +132,7 @@ def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
 
 
 class _Kind:
-    """A message type, as its FMT message describes it."""
+    """A message type, as described by its FMT message."""
 
     def __init__(self, fields: bytes) -> None:
         self.number, self.length, name, letters, columns = struct.unpack("<BB4s16s64s", fields)
@@ -173,13 +173,13 @@ def _text(data: bytes) -> str:
 
 
 class _Flight:
-    """The latest values of a flight, for events that need values of several messages."""
+    """The latest values of a flight, for events that need values from several messages."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None
         self.armed = False
         self.mode: int | None = None
-        self.mode_name = ""  # "" before the text that names the firmware
+        self.mode_name = ""  # "" until the text that names the firmware
         self.velocity = (0.0, 0.0, 0.0)  # north, east, down
         self.by_filter = False  # True if the velocity is from the EKF, False if from GPS
         self.yaw_deg = 0.0
@@ -279,7 +279,7 @@ def _msg(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     return [*found, *changed, Text(at_us, mavlink.MAV_SEVERITY_INFO, text)]
 
 
-# Defaults for the fields of an item that are absent from a MISE.
+# Defaults for fields of an item that a MISE may lack.
 NO_ITEM = dict.fromkeys(("CId", "Frame", "Prm1", "Prm2", "Prm3", "Prm4", "Lat", "Lng", "Alt"), 0)
 
 
@@ -292,8 +292,8 @@ def _item(fields: Values) -> MissionItem:
 def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     """Process a CMD; return MissionLoaded after the last CMD of a mission.
 
-    ArduPilot logs the whole mission, home first, at the start of a log and after an upload by
-    items, but not after an upload by MAVFTP (4.6.2: ``AP_Filesystem_Mission.cpp``).
+    ArduPilot logs the whole mission, home first, at the start of a log and after an item-by-item
+    upload, but not after an upload by MAVFTP (4.6.2: ``AP_Filesystem_Mission.cpp``).
     """
     number, count = fields["CNum"], fields["CTot"]
     if number == 0:
@@ -308,7 +308,7 @@ def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
 
 
 def _mise(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    """Process a MISE: an item begins, which means that the previous item was reached."""
+    """Process a MISE: an item begins, so the previous item has been reached."""
     seq, item, count = fields["CNum"] - 1, _item({**NO_ITEM, **fields}), fields["CTot"]
     replaced = flight.count and (count, flight.on_board.get(seq + 1, item)) != (flight.count, item)
     if replaced:

@@ -119,4 +119,4 @@ class Log(ABC):
 
     @abstractmethod
     def unix_offset_us(self) -> int | None:
-        """Return time 0 of the log's clock in microseconds since 1970; None without a date."""
+        """Return time 0 of the log's clock in microseconds since 1970; None if there is no date."""

@@ -1,7 +1,7 @@
 """Computes flight time for the log of a simulator that ran faster or slower than real time.
 
-The stamps in a .tlog are times of the recorder's clock. If the autopilots' time since boot advances
-at another rate than the stamps, flight time advances at the autopilots' rate.
+The timestamps in a .tlog are those of the recorder's clock. If the autopilots' time since boot
+advances at a different rate from the timestamps, flight time advances at the autopilots' rate.
 """
 
 from collections.abc import Iterator
@@ -10,14 +10,14 @@ from statistics import median
 Sample = tuple[int, int, int]  # system id, stamp, and time since boot; times in microseconds
 
 SAMPLES, MIN_PAIRS = 400, 10
-SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum intervals: first to last stamp; in a pair
+SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum intervals: first to last timestamp; in a pair
 MIN_RATE, MAX_RATE = 0.8, 1.25  # rates in this range may come from clock errors or link delays
 LEAP_US = 60_000_000  # a time this far ahead of the expected time is noise or a reboot
-STILL_US = 1_000_000  # without a time since boot for this long, time is extrapolated
+STILL_US = 1_000_000  # after this long without a time since boot, time is extrapolated
 
 
 def rate_of(samples: Iterator[Sample]) -> float:
-    """Return the rate of the autopilots' time relative to the stamps; 1 if samples are too few.
+    """Return the rate of the autopilots' time relative to timestamps; 1 if samples are too few.
 
     The rate is the median over pairs of samples, so that noise, pauses and late records have little
     effect.
@@ -47,7 +47,7 @@ def _rates(series: list[tuple[int, int]]) -> list[float]:
 
 
 class FlightTime:
-    """A converter from a log's stamps to flight time, which never decreases."""
+    """A converter from a log's timestamps to flight time, which never decreases."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate
@@ -56,7 +56,7 @@ class FlightTime:
         self._offset_us: dict[int, int] = {}  # flight time minus time since boot, by system
 
     def flight_us(self, stamp_us: int, system: int, boot_us: int | None) -> int:
-        """Return the flight time of a record, from its stamp and its time since boot (if any)."""
+        """Return a record's flight time, from its timestamp and its time since boot, if any."""
         if self._rate == 1.0:
             return stamp_us
         if self._anchor is None:
@@ -74,7 +74,7 @@ class FlightTime:
         return self._latest_us
 
     def _by_boot(self, system: int, boot_us: int, expected_us: int) -> int:
-        """Return the flight time of a time since boot, by the stored offset of the system.
+        """Return the flight time for a time since boot, using the system's stored offset.
 
         A reboot, a pause or noise resets the offset.
         """

@@ -16,11 +16,11 @@ SUFFIXES = (".tlog", ".bin", ".ulg")
 
 
 def open_log(path: Path) -> Log:
-    """Open the log of a flight: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
+    """Open a flight log: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
 
     Args:
-        path: The file; the first bytes determine the format, or the suffix if those bytes are
-            unknown.
+        path: The file; the first bytes determine the format, or the suffix if those bytes are not
+            recognised.
 
     Returns:
         A reader; ``entries()`` yields the events in the order of the file, with times in
@@ -47,7 +47,7 @@ def open_log(path: Path) -> Log:
 
 
 class MergedEntry(NamedTuple):
-    """An entry of one of several logs, with the time of the clock that the logs share."""
+    """An entry of one of several logs, with its time on the clock that the logs share."""
 
     at_us: int
     log: int  # index of the log

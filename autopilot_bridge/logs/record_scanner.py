@@ -8,7 +8,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.entries import Damage, Log, LogEvent
 
 CHUNK_BYTES = 1 << 19
-LEAP_US = 600_000_000  # larger steps in time occur only where a log starts again
+LEAP_US = 600_000_000  # larger steps in time occur only where a log restarts
 
 Values = dict[str, Any]
 Message = tuple[str, Values]  # name, and values by column
@@ -93,7 +93,7 @@ def events_of(
     messages: Iterator[Message],
     convert: Callable[[str, Values], list[LogEvent]],
 ) -> Iterator[LogEvent]:
-    """Yield the events to which ``convert`` converts the messages.
+    """Yield the events into which ``convert`` converts the messages.
 
     A message that lacks an expected field is omitted, because the description of its type is
     damaged or unknown. The name of such a message is recorded once as damage.

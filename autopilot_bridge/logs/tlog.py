@@ -3,7 +3,7 @@
 The time is in microseconds since 1970, as written by MAVProxy, QGroundControl, Mission Planner,
 pymavlink and ``links/tlog_writer.py``. MAVProxy stores the number of the link in the lowest two
 bits of the time. Only frames with a correct checksum are accepted. A message of another dialect is
-skipped by its length if another record follows. If a simulator was faster or slower than the
+skipped by its length if another record follows. If a simulator ran faster or slower than the
 recorder's clock, the time is derived from the autopilots' time since boot (``entry_times.py``).
 """
 
@@ -73,10 +73,10 @@ MESSAGE_IDS = frozenset(
 
 
 class TlogLog(Log):
-    """The reader of a .tlog file; systems that send frames from component 1 are vehicles."""
+    """The reader of a .tlog file; systems that send frames from component 1 count as vehicles."""
 
     def unix_offset_us(self) -> int | None:
-        """Return 0, because the stamps are microseconds since 1970."""
+        """Return 0, because the timestamps are microseconds since 1970."""
         return 0
 
     def entries(self) -> Iterator[Entry]:
@@ -99,7 +99,7 @@ class TlogLog(Log):
                     yield Entry(system_id, event)
 
     def _frames(self) -> Iterator[tuple[bytes, int]]:
-        """Yield the frames whose message ids are in ``MESSAGE_IDS``, with their stamps."""
+        """Yield the frames whose message ids are in ``MESSAGE_IDS``, with their timestamps."""
         latest_us: int | None = None
         for data, at, length in records(
             self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD
@@ -116,7 +116,7 @@ class TlogLog(Log):
             yield frame, at_us
 
     def _samples(self) -> Iterator[Sample]:
-        """Yield the autopilots' times since boot in the first records, with their stamps."""
+        """Yield the autopilots' times since boot in the first records, with their timestamps."""
         codec = Codec(255, 0)
         for frame, stamp_us in islice(self._frames(), MAX_SURVEYED):
             system_id, component_id = source_of(frame)

@@ -43,12 +43,12 @@ MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
 LONGEST_BYTES = HEAD_BYTES + 0xFFFF
 NO_MESSAGE = "not a ULog message"
-# The maximum size of the body for each kind of message; other kinds do not exist.
+# The maximum body size for each kind of message; no other kinds exist.
 MAX_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
 MAX_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
-PADDING_BYTES = 8  # maximum padding at the end of a topic, which files omit
+PADDING_BYTES = 8  # maximum padding at the end of a topic; files omit the padding
 DATA = ord("D")
-BOOT_KEY = b"uint64_t boot_time_utc_us"  # time of boot by the autopilot's clock, if it has one
+BOOT_KEY = b"uint64_t boot_time_utc_us"  # boot time by the autopilot's clock, if it has one
 LETTERS = {
     "int8_t": "b",
     "uint8_t": "B",
@@ -98,7 +98,7 @@ class UlogLog(Log):
         self._boot_unix_us: int | None = None
 
     def unix_offset_us(self) -> int | None:
-        """Return the offset to UTC by the first valid GPS time, else by the autopilot's clock."""
+        """Return the offset to UTC from the first valid GPS time, or else the autopilot's clock."""
         for name, fields in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
             if name != "L" and 0 < fields.get("time_utc_usec", 0) < LATEST_US:
                 return int(fields["time_utc_usec"] - fields["timestamp"])
@@ -234,7 +234,7 @@ class _Topic:
 
 
 def _topic(name: str, formats: dict[str, str]) -> _Topic | None:
-    """Return the topic of this name; None if its format is unknown or contains no time."""
+    """Return the topic with this name; None if its format is unknown or contains no time."""
     columns: list[str] = []
     letters: list[str] = []
     if not _flatten(name, "", formats, columns, letters, 0) or "timestamp" not in columns:
@@ -273,7 +273,7 @@ def _flatten(
 
 
 class _Flight:
-    """The latest values of a flight, for events that need values of several messages."""
+    """The latest values of a flight, for events that need values from several messages."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None

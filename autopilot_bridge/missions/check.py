@@ -36,7 +36,7 @@ from autopilot_bridge.stacks.stacks import Stack
 
 _JUMP = mavlink.MAV_CMD_DO_JUMP
 _PARAMS = ("param1", "param2", "param3", "param4")
-# Changes by these words (see ``stacks/item_treatment.py``) are not reported.
+# Changes described by these words (see ``stacks/item_treatment.py``) are not reported.
 _QUIET = ("keep", "hint", "hidden", "yaw", "side", "flag")
 _MAXIMA = {"u8": 255, "u16": 65535, "i8": 127, "i16": 32767, "cm16": 655.35, "radius": 65535}
 
@@ -154,7 +154,7 @@ def _bad_jumps(items: Sequence[MissionItem]) -> Iterator[Problem]:
 
 
 def _never_reached(items: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
-    """Yield problems of items after an endless loiter, and of last items that ArduPlane ignores."""
+    """Yield problems of items after an unlimited loiter and of last items ignored by ArduPlane."""
     jumps = [item.param1 for item in items if item.command == _JUMP]
     ends = [index for index, item in enumerate(items) if item.command == ENDLESS]
     reported = set[int]()

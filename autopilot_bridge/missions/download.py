@@ -1,4 +1,4 @@
-"""Downloads and clears missions by the MAVLink mission protocol.
+"""Downloads and clears missions using the MAVLink mission protocol.
 
 list requested --MISSION_COUNT--> item requested --item--> item requested
 item requested --last item--> ended (MISSION_ACK sent)

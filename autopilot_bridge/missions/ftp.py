@@ -8,11 +8,11 @@ moving:  up to five reads or writes are pending; each is repeated if its reply i
 closing: the autopilot applies the written data only now
 
 If the link is lost, the mission on board is either the complete old mission or the complete new
-one. Each write ends at the end of an item. If a session is closed too early (by this client or
+one. Each write ends at an item boundary. If a session is closed too early (by this client or
 another station), whole items are missing, and the autopilot's buffer contains zeros for them.
 ArduPilot rejects a file with an item of zeros before it changes the old mission. This client closes
-a session only if the client has certainly opened the session. The caller must read back after every
-upload, because the applied mission can differ from the file although the autopilot acknowledged the
+a session only if it has certainly opened that session itself. The caller must read back after every
+upload, because the applied mission can differ from the file even if the autopilot acknowledged the
 closing. The mission differs from the file if a command is rejected, or if the mission in flight was
 longer (``leaves_old_tail``). ``FtpDownload`` performs the read-back; when it opens a file, the
 autopilot ends an idle session that is still open.
@@ -239,7 +239,7 @@ class _FtpTransfer:
         return []
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Close the session before all items are written, so that the autopilot applies no item."""
+        """Close the session before all items are written, so that the autopilot applies none."""
         if self._state == "closing" or self.result is not None:
             return []
         return self._close("it was cancelled", now_us)
@@ -280,7 +280,7 @@ class _FtpTransfer:
         if self._state == "opening":
             self.result = TransferResult("failed", "the autopilot did not reply to FTP requests")
             return []
-        messages = self._close(None, now_us)  # if this request arrives, the session is free again
+        messages = self._close(None, now_us)  # if this request arrives, the session becomes free
         self.result = self._aborted("the autopilot stopped replying")
         return messages
 
@@ -290,7 +290,7 @@ class FtpUpload(_FtpTransfer):
 
     ``accepted``: the file was closed. ``unknown``: all data was sent, and the autopilot applies the
     data now or when a station next opens a file. ``failed``: the old mission is on board.
-    ``rejected``: no data was sent; an upload by the mission protocol (item by item) may still
+    ``rejected``: no data was sent; an upload over the mission protocol (item by item) may still
     succeed.
     """
 

@@ -22,7 +22,7 @@ _INVERTED = 0xFFFFFFFF  # binascii inverts the CRC at the start and the end, PX4
 
 
 def mission_id_of(items: Sequence[MissionItem], stack: Stack) -> int | None:
-    """Return the id of a list uploaded by MISSION_ITEM_INT; None if the stack has no ids.
+    """Return the id of a list uploaded as MISSION_ITEM_INT; None if the stack has no ids.
 
     ``items`` are the items that were sent: a mission, a fence or rally points. The result can be
     compared with the id in a message. An id of 0 in a message does not prove that the list is

@@ -7,7 +7,7 @@
   sent only on request
 - any --MISSION_ACK--> ended
 - counted or sending --MISSION_ERROR--> the same, and ended after a timeout: the error may be the
-  reply to a duplicate (PX4: of MISSION_COUNT, or of an item of the transfer before; ArduPilot: of
+  reply to a duplicate (PX4: of MISSION_COUNT, or of an item of the previous transfer; ArduPilot: of
   the last item); in this case the transfer continues or has succeeded
 - sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: the plan is on
   board

@@ -2,7 +2,7 @@
 
 The columns of a line are separated by tabs: index, current, frame, command, params 1 to 4,
 latitude, longitude, altitude, autocontinue (mavlink.io, "Mission Plain-Text File Format"). In
-version 110, item 0 is the home position. A file of version 120 has no home. (QGroundControl reads
+version 110, item 0 is the home position. A file of version 120 has no home. (QGroundControl treats
 the two versions in this way.) The format has no fence and no rally points.
 """
 

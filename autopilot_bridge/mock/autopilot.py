@@ -126,7 +126,7 @@ class MockAutopilot:
         self.flight.battery.percent = percent
 
     def replace_battery(self) -> None:
-        """Replace the battery by a full one. Raises RuntimeError while the vehicle is armed."""
+        """Replace the battery with a full one. Raises RuntimeError while the vehicle is armed."""
         if self.flight.armed or self.flight.airborne:
             raise RuntimeError("a battery is replaced on the ground, while the vehicle is disarmed")
         self.flight.battery.replace()
@@ -204,7 +204,7 @@ class MockAutopilot:
             self.telemetry.report(self.flight, self._steps)
 
     def _watch_station(self) -> None:
-        """React to the loss of the ground station by the parameters of the stack."""
+        """React to the loss of the ground station as the stack's parameters specify."""
         flight, now_s = self.flight, self._now_s()
         reaction = self._station.reaction(
             flight.mode, flight.armed, flight.airborne, flight.lands, flight.failsafe, now_s
@@ -299,7 +299,7 @@ class MockAutopilot:
         flight.make_current(self.missions.start_at, self._now_s())
 
     def _restart_item(self) -> None:
-        """Restart the current item, as ArduCopter does at every change of the mission."""
+        """Restart the current item, as ArduCopter does after every change of the mission."""
         flight, missions = self.flight, self.missions
         if flight.current < len(flight.items) and (missions.cut or missions.written):
             flight.go_to(flight.current, self._now_s())
@@ -342,7 +342,7 @@ class MockAutopilot:
         self.flight.payload.execute(mavlink.MAV_CMD_DO_GRIPPER, (1.0, float(action)), at_us)
 
     def _send(self, *messages: Message) -> None:
-        """Send messages; those without a target, and not tagged with a channel, on all channels."""
+        """Send messages; one with neither a target nor a channel tag is sent on all channels."""
         for message in messages:
             if not hasattr(message, "channel"):
                 is_reply = getattr(message, "target_system", 0) != 0

@@ -21,19 +21,19 @@ from autopilot_bridge.stacks.stacks import Stack
 Place = tuple[float, float]  # metres north and east of home
 
 APPROACH_M = 60.0
-LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # the slow end of a copter's landing
+LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # the final, slow part of a copter's landing
 GLIDE = math.tan(math.radians(6.0))
-IN_PLACE_M = 2.0  # at a shorter horizontal distance, a copter climbs or sinks vertically
+IN_PLACE_M = 2.0  # at a shorter horizontal distance, a copter climbs or descends vertically
 HIGH_ENOUGH_M = 1.5
 WIDER_M = 12.0  # observed with radii of 100 and 150 m: 11 m at 12.6 m/s, 13 m at 22 m/s
-SHORT_S = 0.7  # ArduPlane: distance before the point, divided by the headwind or tailwind
-FLOATS_S = 6.3  # time from the flare of a PX4 plane until it rests
+SHORT_S = 0.7  # ArduPlane: distance short of the point per m/s of headwind or tailwind
+FLOATS_S = 6.3  # time from the flare of a PX4 plane until it comes to rest
 FALL_M_S = 8.0  # speed of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 
 
 def wider_m(stack: Stack) -> float:
-    """Return by how many metres a plane's circle exceeds the commanded radius."""
+    """Return by how many metres the radius of a plane's circle exceeds the commanded one."""
     return WIDER_M if stack.name == "ardupilot" else 0.0
 
 
@@ -87,7 +87,7 @@ class Body:
     ) -> bool:
         """Move a copter one step along a line that rises by ``rise_m``; return whether it arrived.
 
-        The climb rate or the sink rate limits the speed along the line. If the end is straight
+        The climb rate or the sink rate limits the speed along the line. If the end is directly
         above or below the start, the copter moves vertically.
         """
         length_m, left_m, limits = math.dist(start, place), self.distance(place), self.limits
@@ -106,7 +106,7 @@ class Body:
     def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
         """Circle for one step (anticlockwise if the radius is negative).
 
-        Copters hover instead, and VTOLs that fly as multirotors.
+        Copters, and VTOLs flying as multirotors, hover instead.
         """
         if self.stack.vehicle == "copter" or self.hovers:
             step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
@@ -138,9 +138,9 @@ class Body:
         step_copter_around(self.motion, centre, altitude_m, limits, radius_m)
 
     def descend(self, place: Place) -> bool:
-        """Move a copter one step of a landing; return True when it has landed.
+        """Compute one step of a copter's landing; return True when it has landed.
 
-        The copter first moves over the position, then sinks.
+        The copter first moves over the position, then descends.
         """
         height_m = self.motion.altitude_m - self.ground_amsl_m
         rate = 0.0
@@ -167,10 +167,10 @@ class Body:
         return True
 
     def _floats_m(self, north: float, east: float) -> float:
-        """Return how far beyond its landing point a plane comes to rest, on this course.
+        """Return how far beyond its landing point a plane comes to rest on this course.
 
-        A PX4 plane in simulation flares at the point and floats on, at about its minimum airspeed.
-        ArduPlane rests before the point in a headwind or tailwind, and at the point without wind.
+        A PX4 plane in simulation flares at the point and floats on at about its minimum airspeed.
+        ArduPlane stops short of the point in a headwind or tailwind, and at the point without wind.
         """
         along_m_s = self.wind.north_m_s * north + self.wind.east_m_s * east
         if self.stack.name != "px4":
@@ -178,13 +178,13 @@ class Body:
         return FLOATS_S * max(self.limits.min_airspeed_m_s + along_m_s, 0.0)
 
     def climb(self, place: Place, altitude_m: float) -> bool:
-        """Move a VTOL one step of its vertical climb; return whether it has become a plane."""
+        """Compute one step of a VTOL's vertical climb; return whether it now flies as a plane."""
         self.approach(place, altitude_m, stop=True)
         self.hovers = self.motion.altitude_m < altitude_m - HIGH_ENOUGH_M
         return not self.hovers
 
     def land_vertically(self, start: Place, place: Place) -> bool:
-        """Move a VTOL one step of a landing: as a plane at its height, then down in hover."""
+        """Compute one step of a VTOL's landing: in level flight as a plane, then down in hover."""
         if not self.hovers:
             brakes_m = self.motion.speed_m_s**2 / (2.0 * self.limits.acceleration_m_s2)
             self.follow(start, place, self.motion.altitude_m)
@@ -193,7 +193,7 @@ class Body:
         return self.descend(place)
 
     def fall(self) -> None:
-        """Move one step without power: a plane sinks at its maximum rate, a copter falls."""
+        """Compute one step without power: a plane sinks at its maximum rate, a copter falls."""
         motion = self.motion
         if self.stack.vehicle == "plane":
             step_plane(motion, motion.course_rad, -math.inf, self.limits, wind=self.wind)

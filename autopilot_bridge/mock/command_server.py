@@ -1,4 +1,4 @@
-"""Executes commands on the mock by the rules of each stack.
+"""Executes commands on the mock according to the rules of each stack.
 
 Sources: source code and simulations of PX4 1.17 and ArduPilot 4.6.2.
 """

@@ -19,11 +19,11 @@ class Battery:
 
     percent: float | None = None  # None if no battery is reported
     endurance_s: float | None = None  # None if the battery does not drain
-    acted: bool = False  # whether the low battery has been reported
-    warned: bool = False  # whether the emergency has been reported
+    acted: bool = False  # whether the low charge has been reported
+    warned: bool = False  # whether the emergency charge has been reported
 
     def replace(self) -> None:
-        """Replace the battery by a full one of the same kind."""
+        """Replace the battery with a full one of the same kind."""
         self.percent, self.acted, self.warned = 100.0, False, False
 
     def drain(self) -> bool:
@@ -63,11 +63,11 @@ class Battery:
 
     @property
     def consumed_mah(self) -> float:
-        """The charge that was used since the battery was full."""
+        """The charge used since the battery was full."""
         return 0.0 if self.percent is None else CAPACITY_MAH * (1.0 - self.percent / 100.0)
 
     def remaining_s(self, airborne: bool) -> float:
-        """Return the autopilot's estimate of the time until the battery is empty; 0 without one."""
+        """Return the autopilot's estimate of the time until the battery is empty; 0 if none."""
         if self.endurance_s is None or self.percent is None or not airborne:
             return 0.0
         return self.endurance_s * self.percent / 100.0

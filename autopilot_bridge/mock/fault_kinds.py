@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 
 from autopilot_bridge.errors import BridgeError
 
-Span = tuple[float, float]  # begin and end in seconds since the start of the mock
+Span = tuple[float, float]  # start and end in seconds since the start of the mock
 
 
 @dataclass
 class Faults:
     """The faults of one mock; all times are seconds since the start of the mock.
 
-    ``refuse`` contains, by mission type and item, the MAV_MISSION_RESULT of items to reject.
-    ``silent_after`` is the number of messages that the autopilot still sends in the mission
-    protocol. ``loss`` and ``duplication`` are fractions of the frames in each direction.
+    ``refuse`` contains the MAV_MISSION_RESULT of items to reject, by mission type and item.
+    ``silent_after`` is the number of mission protocol messages that the autopilot sends before it
+    falls silent. ``loss`` and ``duplication`` are fractions of the frames in each direction.
     ``delay_s`` and ``jitter_s`` also apply to each direction; jitter reorders frames.
     """
 

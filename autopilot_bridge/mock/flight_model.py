@@ -82,7 +82,7 @@ class FlightModel(Body):
     target: Target | None = None
     payload: Payload = field(init=False)
     radius_m: float = DEFAULT_RADIUS_M  # radius of a hold, negative if anticlockwise
-    returns: ReturnFlight = UNREAD  # by the parameters
+    returns: ReturnFlight = UNREAD  # read from the parameters
     orbit_m_s: float = 1.0  # speed of PX4 multirotors on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
@@ -92,7 +92,7 @@ class FlightModel(Body):
     _flies_home_at_s: float = math.inf  # after it has stopped
     _disarm_at_s: float = math.inf
     _descended_from_m: float = 0.0  # altitude at which a VTOL's vertical landing began
-    _climbs_to_m: float | None = None  # altitude to which it climbs after a go-around
+    _climbs_to_m: float | None = None  # altitude to which a VTOL climbs after a go-around
     _fix_s: float = 0.0  # time of the last fix
     _jumps: dict[int, int] = field(default_factory=dict)
     _waiting: deque[int] = field(default_factory=deque)  # ArduPilot's DO items to execute
@@ -129,7 +129,7 @@ class FlightModel(Body):
     def blind_s(self, now_s: float) -> float:
         """Return the seconds since the last fix; 0 with satellites.
 
-        Without satellites on the ground, the result is infinite.
+        On the ground without satellites, the result is infinite.
         """
         if self.gps:
             return 0.0
@@ -156,7 +156,7 @@ class FlightModel(Body):
             self.go_to(self.current, now_s)
 
     def _become_plane(self, flies_as_plane: bool) -> None:
-        """End the hover of ArduPlane's VTOL in the air, if the mode or the item is a plane's."""
+        """End the hover of an airborne ArduPlane VTOL if it flies its mode or item as a plane."""
         if self.stack.item_0_is_home and self.airborne and flies_as_plane:
             self.hovers = False
 
@@ -255,7 +255,7 @@ class FlightModel(Body):
         self.target = Target(self.items[nav], position, self.motion.altitude_m, now_s)
 
     def _skips(self, seq: int) -> bool:
-        """Return whether an item is skipped; PX4 planes that are in the air skip a takeoff.
+        """Return whether an item is skipped; airborne PX4 planes skip a takeoff.
 
         Source: PX4 1.17 ``setActiveMissionItems``.
         """
@@ -359,9 +359,9 @@ class FlightModel(Body):
             self._advance(now_s)
 
     def _take_off_vertically(self, target: Target, place: Place) -> bool:
-        """Climb in hover, then fly as a plane to the item's position (PX4) or on (ArduPlane).
+        """Climb in hover, then fly as a plane to the item's position (PX4) or onwards (ArduPlane).
 
-        ArduPlane climbs by the item's altitude above its position at the start, in every frame.
+        ArduPlane climbs to the item's altitude above its starting position, in every frame.
         """
         px4, item = self.stack.name == "px4", target.item
         altitude_m = self._altitude(item) if px4 else target.begun_amsl_m + item.z
@@ -386,7 +386,7 @@ class FlightModel(Body):
     def go_around(self, now_s: float) -> bool:
         """Execute DO_GO_AROUND as ArduPlane does; return whether it is accepted.
 
-        The plane must fly a landing, and not have begun its flare.
+        The plane must be flying a landing and must not have begun its flare.
         """
         lands = self.mode == "mission" and self.target is not None
         lands = lands and self.airborne and self.items[self.current].command in LANDINGS
@@ -444,7 +444,7 @@ class FlightModel(Body):
             self.mode = "hold"
 
     def _land_at_position(self, now_s: float) -> None:
-        """Sink vertically; a plane circles while it sinks."""
+        """Descend vertically; a plane circles while it descends."""
         north, east, _ = self._hold_at
         if self.stack.vehicle == "copter":
             if self.airborne:
@@ -456,7 +456,7 @@ class FlightModel(Body):
             self._disarm_later(now_s)
 
     def _land(self, target: Target, place: Place, now_s: float) -> bool:
-        """Land at an item's position; without terrain a plane lands at the item's altitude."""
+        """Land at an item's position; without terrain data a plane lands at the item's altitude."""
         if self.stack.vehicle == "copter":
             return self._down(place, now_s)
         if self.stack.vtol:
@@ -497,7 +497,7 @@ class FlightModel(Body):
         return max(self.motion.altitude_m, self.frame.altitude_m + (self.returns.height_m or 0.0))
 
     def _begin_return(self) -> None:
-        """Set the return speed from the parameters, and the place where a multirotor has stopped.
+        """Set the return speed from the parameters, and the point where a multirotor will stop.
 
         Planes keep the calibrated airspeed; the limits contain the true airspeed.
         """
@@ -549,7 +549,7 @@ class FlightModel(Body):
     # Failures ---------------------------------------------------------------------------------
 
     def _out_of_power(self, now_s: float) -> bool:
-        """Drain the battery; if it is low, return home; if it is empty, fall and return True."""
+        """Drain the battery; if it is low, fly home; if it is empty, fall and return True."""
         ardupilot = self.stack.name == "ardupilot"
         if self.battery.drain():
             self.texts.append(self.battery.low_text(ardupilot))

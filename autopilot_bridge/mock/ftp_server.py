@@ -144,7 +144,7 @@ class FtpServer:
         whole = encode_mission_file(held, mission_type, (1, 1))
         maximum = min(request.size, ftp.MAX_DATA_BYTES)
         if request.opcode == ftp.BURST_READ and request.size == 0:
-            maximum = ftp.MAX_DATA_BYTES  # a burst of size 0 is read in maximum blocks
+            maximum = ftp.MAX_DATA_BYTES  # a burst of size 0 is read in blocks of maximum size
         data = whole[request.offset : request.offset + maximum]
         return _with(reply, request.offset, data) if data else _refusal(reply, ftp.END_OF_FILE)
 

@@ -71,7 +71,7 @@ def loitered(
 
 
 def _heads_for(body: Body, following: Place | None) -> bool:
-    """Return whether a plane flies towards a place, as far as one time step allows."""
+    """Return whether a plane heads for a position, within the turn of one time step."""
     if following is None or body.stack.vehicle == "copter":
         return True
     motion = body.motion

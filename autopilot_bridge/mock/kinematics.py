@@ -180,8 +180,8 @@ def step_copter(
 ) -> None:
     """Move a multirotor one step towards a point; with ``stop`` it slows down to hover there.
 
-    The vehicle keeps its ground speed unless the wind then requires more than the maximum airspeed.
-    The nose turns into the course at the maximum yaw rate.
+    The vehicle keeps its ground speed unless this would require more than the maximum airspeed. The
+    nose turns to the course at the maximum yaw rate.
     """
     north, east = target[0] - motion.north_m, target[1] - motion.east_m
     distance = math.hypot(north, east)

@@ -13,7 +13,7 @@ Terrain = Callable[[float, float], float]  # (latitude, longitude) in degrees ->
 
 @dataclass(slots=True)
 class LocalFrame:
-    """Coordinates in metres north and east of home, by the WGS84 radii of curvature at home.
+    """Coordinates in metres north and east of home, using the WGS84 radii of curvature at home.
 
     Args:
         lat_deg: Latitude of home in degrees.

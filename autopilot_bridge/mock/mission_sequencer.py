@@ -16,7 +16,7 @@ LOITERS = (
     mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
 )
 WAYPOINTS = (mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT)
-# NAV items. Those that the flight model does not implement are complete at once.
+# NAV items. Those that the flight model does not implement are completed at once.
 NAVIGATION = frozenset(range(16, 96)) - {80}
 
 
@@ -26,7 +26,7 @@ def next_of(
     """Return the DO items from ``seq`` on, and the NAV item after them (None at the end).
 
     DO_JUMPs are followed; ``jumps`` contains the number of jumps from each DO_JUMP. A negative
-    repeat count means endless repetition.
+    repeat count means unlimited repetition.
     """
     do_items: list[int] = []
     taken = 0

@@ -1,4 +1,4 @@
-"""Contains the autopilot's side of the mission protocol, as far as both stacks share it.
+"""Contains the part of the autopilot's mission protocol that both stacks share.
 
 ``ardupilot_server.py`` and ``px4_server.py`` add the behaviour of each stack.
 """
@@ -83,7 +83,7 @@ class MissionServer(ABC):
         return None
 
     def busy_with(self, client: Client) -> bool:
-        """Return whether a transfer of this client is open, so that other messages are rejected."""
+        """Return whether a transfer with this client is open, so other messages are rejected."""
         del client
         return False
 

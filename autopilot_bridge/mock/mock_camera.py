@@ -1,6 +1,6 @@
-"""Simulates the camera and the gimbal of a mock, by the rules of each stack.
+"""Simulates the camera and the gimbal of a mock, according to the rules of each stack.
 
-Both stacks take an image when the vehicle has moved by the distance of DO_SET_CAM_TRIGG_DIST from
+Both stacks take an image when the vehicle has moved the distance set by DO_SET_CAM_TRIGG_DIST since
 the last image, and at once if the third param of the command is 1 (PX4 1.17 ``camera_trigger.cpp``,
 ArduPilot 4.6.2 ``AP_Camera_Backend.cpp``). PX4 accepts DO_GIMBAL_MANAGER_PITCHYAW only after
 DO_GIMBAL_MANAGER_CONFIGURE, because PX4's missions do not control the gimbal otherwise
@@ -48,7 +48,7 @@ class MockCamera:
     _wanted: int = 0  # images to be taken at once
     _every_us: int = 0
     _due_us: int = 0
-    _remaining: float = 0.0  # images of IMAGE_START_CAPTURE
+    _remaining: float = 0.0  # images requested by IMAGE_START_CAPTURE
     _in_control: bool = False  # whether missions control PX4's gimbal
     _index: int = 0
 
@@ -85,7 +85,7 @@ class MockCamera:
             self.pitch_deg = min(max(pitch_deg, LOWEST_PITCH_DEG), HIGHEST_PITCH_DEG)
 
     def wants_image(self, motion: Motion, at_us: int) -> bool:
-        """Return whether an image is to be taken at a step."""
+        """Return whether an image is due at a step."""
         place = (motion.north_m, motion.east_m)
         if self._distance_m > 0.0:
             if self._last is None:

@@ -81,7 +81,7 @@ class _Held:
 
 
 def _of_limits(stack: Stack, limits: Limits) -> dict[str, float]:
-    """Return the parameters of speeds and acceleration; ArduPilot's multirotors use cm."""
+    """Return the parameters for speeds and acceleration; ArduPilot's multirotors use cm."""
     speed_m_s, climb_m_s = limits.airspeed_m_s, limits.climb_m_s
     if stack.name == "px4" and stack.vehicle == "plane":
         turn = {"FW_AIRSPD_TRIM": speed_m_s, "FW_R_LIM": limits.bank_deg}
@@ -98,7 +98,7 @@ def _of_limits(stack: Stack, limits: Limits) -> dict[str, float]:
 class ParameterServer:
     """The parameters of one mock; requests with unknown names get no reply.
 
-    The parameters of the return agree with the mock's ``limits``.
+    The return parameters agree with the mock's ``limits``.
     """
 
     def __init__(self, stack: Stack, limits: Limits) -> None:

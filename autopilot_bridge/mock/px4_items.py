@@ -73,7 +73,7 @@ def shapes_of(fence: list[MissionItem]) -> list[Shape]:
 
 
 def inside(shape: Shape, place: Place, east_scale: float) -> bool:
-    """Return whether a position is inside a shape, computed on a flat earth."""
+    """Return whether a position is inside a shape, assuming a flat earth."""
     item, places = shape
     if item.command in CIRCLES:
         north = (place[0] - item.x) * M_PER_UNIT
@@ -96,7 +96,7 @@ def usable_shapes(fence: list[MissionItem], home: Place, east_scale: float) -> l
 
 
 def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: float) -> int | None:
-    """Return the number of the first item at a position that the fence forbids, or None."""
+    """Return the index of the first item at a position that the fence forbids, or None."""
     inclusions = [shape for shape in shapes if shape[0].command in INCLUSIONS]
     exclusions = [shape for shape in shapes if shape[0].command not in INCLUSIONS]
     for seq, item in enumerate(items):
@@ -111,7 +111,7 @@ def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: flo
 
 
 def missing_item(items: list[MissionItem], required: int) -> str | None:
-    """Return a text if an item is missing that MIS_TKO_LAND_REQ requires, otherwise None.
+    """Return a text if an item required by MIS_TKO_LAND_REQ is missing, otherwise None.
 
     ``required`` is 1 for a takeoff, 2 for a landing, 3 for both.
     """

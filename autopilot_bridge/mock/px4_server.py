@@ -67,7 +67,7 @@ class Manager:
 
 
 def critical(words: str) -> Message:
-    """Return a text with a tab, by which PX4 marks a text that is also sent as an event."""
+    """Return a text with the tab that PX4 appends to texts that are also sent as events."""
     return text(CRITICAL, words + "\t")
 
 

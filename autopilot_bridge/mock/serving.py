@@ -51,7 +51,7 @@ class ChannelGroup(MockGroup):
             mock.receive_on_channel(link, b"".join(frames), now_us)
 
     def receive_copies(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
-        """Ignore frames that were received on another channel before."""
+        """Ignore frames that were already received on another channel."""
 
     def addressed_to_send(self) -> list[tuple[int, str, bytes]]:
         """Return the frames to send, each with its channel, to all remotes."""

@@ -70,7 +70,7 @@ def battery_status(
     consumed_mah: float = 0.0,
     remaining_s: float = 0.0,
 ) -> Message:
-    """Return a BATTERY_STATUS; the first cell has the total voltage, as without cell sensors.
+    """Return a BATTERY_STATUS; cell 1 has the total voltage, as without cell sensors.
 
     ``remaining_s`` is PX4's own estimate; 0 means that there is none, as with ArduPilot.
     """

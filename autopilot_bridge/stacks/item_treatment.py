@@ -4,11 +4,11 @@ Sources: transcripts of SITL runs where they exist, otherwise the source files A
 MissionItemProtocol_*.cpp and each vehicle's start_command (ArduPilot), mavlink_mission.cpp and
 FeasibilityChecker.cpp (PX4).
 
-``position`` and ``bare`` contain every accepted command with four words, one for each of the params
-1 to 4. A word states how the autopilot stores the param:
+``position`` and ``bare`` map each accepted command to four words, one for each of params 1 to 4. A
+word states how the autopilot stores the param:
 
 - ``keep`` as sent; ``-`` not stored; ``hint`` not stored, and without effect on the flight;
-  ``hidden`` used, but read back as 0; ``yaw`` an angle, read back from 0 to 360 degrees;
+  ``hidden`` used, but read back as 0; ``yaw`` an angle, read back as 0 to 360 degrees;
 - ``u8 u16 i8 i16`` truncated to an integer of this type, with wrap-around; ``cap8`` truncated, at
   most 255; ``cm16`` whole centimetres in 16 bits; ``radius`` whole metres in 16 bits with the sign;
 - ``flag`` 1 if positive, else 0; ``sign`` -1 or 1; ``side`` -1 or 1, the direction of a yaw;
@@ -28,7 +28,7 @@ TWIN = {5: 0, 6: 3, 11: 10}  # deprecated INT frames and the equivalent frames
 FENCE_COMMANDS = frozenset(range(5000, 5005))
 RALLY_POINT = mavlink.MAV_CMD_NAV_RALLY_POINT
 ENDLESS = mavlink.MAV_CMD_NAV_LOITER_UNLIM
-# Jumps, and NAV items whose numbers are outside of the range of the NAV commands.
+# Jumps, and NAV items whose numbers are outside the range of the NAV commands.
 OTHER_NAVIGATION = frozenset((177, 601, 213, 42702, 42703))
 LAND_SEQUENCES = frozenset((188, 189))  # items at which a failsafe may enter a mission
 
@@ -188,7 +188,7 @@ _RULES = {
 
 SAME_AS = {80: 201}  # NAV_ROI is DO_SET_ROI's older name, with the same params
 
-# The alternative that a stack has for a command that it rejects.
+# The alternative that a stack offers to a command that it rejects.
 INSTEAD: dict[tuple[str, int], str] = {
     ("px4", 18): "use NAV_LOITER_TIME, or NAV_LOITER_UNLIM at the end",
     ("px4", 82): "use NAV_WAYPOINT",

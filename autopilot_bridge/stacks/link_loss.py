@@ -1,4 +1,4 @@
-"""Predicts, from an autopilot's parameters, its reaction to the loss of the ground station. Pure.
+"""Predicts from an autopilot's parameters how it reacts to the loss of the ground station. Pure.
 
 Sources: ``failsafe.cpp``, ``framework.cpp`` and ``Commander.cpp`` of PX4 1.17, ``events.cpp`` and
 ``system.cpp`` of ArduPlane 4.6.2, ``events.cpp`` of ArduCopter 4.6.2. ArduPlane's FS_SHORT_ACTN is
@@ -61,9 +61,9 @@ Reaction = tuple[TimedAction, ...]  # empty if the vehicle continues
 class LinkLoss:
     """The reaction of a vehicle to the loss of its ground station, in each phase of a flight.
 
-    ``return_height_m`` is above home, and None if the autopilot returns at its current height or
-    the parameter was not read. ``fence`` describes the reaction to a breached fence. ``warnings``
-    name undefined and dangerous values.
+    ``return_height_m`` is the height above home; it is None if the autopilot returns at its current
+    height or the parameter was not read. ``fence`` describes the reaction to a breached fence.
+    ``warnings`` name undefined and dangerous values.
     """
 
     reactions: Mapping[Phase, Reaction]
@@ -77,7 +77,7 @@ class LinkLoss:
         return reaction[-1].action if reaction else "continue"
 
     def satisfies(self, wanted: Wanted) -> bool:
-        """Return whether the reaction is ``wanted`` in all phases; to continue a hold is a hold."""
+        """Return whether the reaction is ``wanted`` in all phases; continuing a hold is a hold."""
         allowed = {phase: {wanted} for phase in PHASES}
         if wanted in ("continue", "hold"):
             allowed["hold"] = {"continue", "hold"}
@@ -110,7 +110,7 @@ class _Table(NamedTuple):
 
     needed: tuple[str, ...]  # parameters that determine the reaction
     shown: tuple[str, ...]  # parameters of the return and of the fence
-    settings: Mapping[Wanted, Mapping[str, float]]  # values that lead to a wanted reaction
+    settings: Mapping[Wanted, Mapping[str, float]]  # values that produce a wanted reaction
     exceptions: tuple[str, tuple[int, ...]] | None  # a bitmask; bits that suppress the reaction
 
 
@@ -187,12 +187,12 @@ def parameters_of(stack: Stack) -> tuple[str, ...]:
 
 
 def missing(stack: Stack, values: Values) -> tuple[str, ...]:
-    """Return the parameters without which the reaction is unknown."""
+    """Return the absent parameters that are needed to determine the reaction."""
     return tuple(name for name in _table_of(stack).needed if name not in values)
 
 
 def link_loss_of(stack: Stack, values: Values, station_id: int = STATION_ID) -> LinkLoss:
-    """Return the reaction that the parameters cause.
+    """Return the reaction that results from the parameters.
 
     Args:
         stack: The autopilot and the kind of vehicle.
@@ -219,7 +219,7 @@ def link_loss_of(stack: Stack, values: Values, station_id: int = STATION_ID) -> 
 def changes_for(
     stack: Stack, wanted: Wanted, values: Values, station_id: int = STATION_ID
 ) -> tuple[Change, ...]:
-    """Return the parameters to set so that a vehicle reacts as ``wanted``; empty if it does.
+    """Return the parameters to set for a vehicle to react as ``wanted``; empty if it already does.
 
     Timeouts are not changed.
 
@@ -299,7 +299,7 @@ def _arduplane(values: Values, station_id: int, height_m: float | None) -> LinkL
     after_s = values["FS_LONG_TIMEOUT"]
     long = _LONG_ACTIONS.get(number, "continue")
     flown: Reaction = () if long == "continue" else (TimedAction(after_s, long),)
-    # Without an action ArduPlane leaves AUTO and GUIDED as they are, but returns from LOITER.
+    # Without an action, ArduPlane stays in AUTO or GUIDED, but returns from LOITER.
     held = flown or (TimedAction(after_s, "return"),)
     reactions: dict[Phase, Reaction] = {
         "mission": () if long == "mission" else flown,
@@ -328,7 +328,7 @@ def _arducopter(values: Values, station_id: int, height_m: float | None) -> Link
     reactions: dict[Phase, Reaction] = {
         "mission": () if options & 2 else reaction,
         "guided": reaction,
-        # The hold mode is BRAKE, which counts as a mode of the pilot.
+        # The hold mode is BRAKE, which counts as a pilot mode.
         "hold": () if options & 16 else reaction,
     }
     warnings = _warnings(values, "FS_GCS_ENABLE", _COPTER_ACTIONS, "ArduCopter returns")

@@ -1,4 +1,4 @@
-"""Lists the flight modes of the stacks, with their ``custom_mode``.
+"""Lists the flight modes of the stacks, with their ``custom_mode`` values.
 
 Equivalent modes of two stacks have the same name.
 
@@ -10,7 +10,7 @@ Modes = tuple[tuple[str, int], ...]
 
 
 def _numbered(first: int, *names: str) -> Modes:
-    """Return modes with consecutive numbers from ``first`` on."""
+    """Return modes with consecutive numbers, starting at ``first``."""
     return tuple((name, number) for number, name in enumerate(names, first))
 
 

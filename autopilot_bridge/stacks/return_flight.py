@@ -1,8 +1,8 @@
-"""Reads, from an autopilot's parameters, how it returns: speeds, height and destination. Pure.
+"""Reads from an autopilot's parameters how it returns: speeds, height and destination. Pure.
 
 Sources: ``mode_rtl.cpp`` of ArduPlane and ArduCopter 4.6.2; ``rtl.cpp``, ``rtl_direct.cpp`` and
-``mission_base.cpp`` of PX4 1.17. Each return begins with the speeds of the parameters: it cancels a
-speed that the mission commanded.
+``mission_base.cpp`` of PX4 1.17. Each return begins at the speeds set in the parameters and cancels
+any speed that the mission commanded.
 """
 
 from collections.abc import Mapping
@@ -20,21 +20,20 @@ _PARAMETERS = {
         *("RTL_SPEED", "WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_ACCEL", "RTL_ALT"),
     ),
 }
-# Time that a multirotor loses, besides stopping and accelerating, until its controllers settle
-# in the direction of home, measured in the simulators of PX4 1.17 (SIH) and ArduCopter 4.6.2.
+# Time that a multirotor loses, besides stopping and accelerating, until its controllers settle on
+# the heading home, measured in the simulators of PX4 1.17 (SIH) and ArduCopter 4.6.2.
 MULTIROTOR_BEGIN_S = {"px4": 6.0, "ardupilot": 0.0}
-_TO_LANDING = (1, 2, 3, 4)  # values of RTL_TYPE that lead to the landing of the mission
+_TO_LANDING = (1, 2, 3, 4)  # values of RTL_TYPE that return to the mission's landing
 
 
 class ReturnFlight(NamedTuple):
-    """How a vehicle returns by its parameters; None if the parameter was not read.
+    """How a vehicle returns according to its parameters; values that were not read are None.
 
-    ``speed_m_s`` is over the ground for multirotors, and the calibrated airspeed of planes.
-    ``height_m`` is above home, and None also if the autopilot returns at its current height, which
-    ``at_current_height`` states.
-    ``bank_deg`` is the limit of PX4 planes, with which they turn; ArduPlane turns less sharply
-    than its limit. ``to_landing`` is whether PX4 returns to the landing at the end of its mission,
-    if there is one, instead of its home.
+    ``speed_m_s`` is the ground speed of multirotors and the calibrated airspeed of planes.
+    ``height_m`` is above home; it is also None if the autopilot returns at its current height, in
+    which case ``at_current_height`` is true. ``bank_deg`` is the bank limit of PX4 planes, at which
+    they turn; ArduPlane turns less sharply than its limit. ``to_landing`` is whether PX4 returns to
+    the landing at the end of its mission, if there is one, instead of to home.
     """
 
     speed_m_s: float | None = None
@@ -98,5 +97,5 @@ def _m(centimetres: float | None) -> float | None:
 
 
 def true_airspeed_factor(altitude_amsl_m: float) -> float:
-    """Return the true airspeed per calibrated airspeed, in the standard atmosphere."""
+    """Return the ratio of true to calibrated airspeed in the standard atmosphere."""
     return float((1.0 - 2.25577e-5 * altitude_amsl_m) ** -2.12794)

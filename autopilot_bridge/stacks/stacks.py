@@ -49,11 +49,11 @@ class Stack:
     vehicle: str
     autopilot: int
     mav_type: int
-    request_message: str  # the message by which the autopilot requests an item
+    request_message: str  # the message with which the autopilot requests an item
     item_0_is_home: bool
     atomic_upload: bool  # a failed upload leaves the old mission unchanged
     mission_files: bool  # whether the autopilot transfers whole missions by MAVFTP
-    keeps_target: bool  # flies to the old target after an upload until an item is commanded
+    keeps_target: bool  # after an upload, flies to the old target until an item is commanded
     items_ahead: int  # number of items that may be sent before they are requested
     rerequest_us: int  # an unanswered request for an item is repeated after this delay
     # The autopilot sends the MISSION_ACK OPERATION_CANCELLED after this time without messages. 0
@@ -63,7 +63,7 @@ class Stack:
     mission_mode: int
     hold_mode: int
     rtl_mode: int
-    start: tuple[Step, ...]  # steps from disarmed on the ground to the mission
+    start: tuple[Step, ...]  # steps from disarmed on the ground to flying the mission
     modes: Modes
     # Whether the plane takes off and lands vertically; ``vehicle`` is then "plane".
     vtol: bool = False
@@ -74,7 +74,7 @@ class Stack:
         return "vtol" if self.vtol else self.vehicle
 
     def same_vehicle(self, other: "Stack") -> bool:
-        """Return whether both stacks may be of one vehicle; a VTOL may report itself as a plane."""
+        """Return whether both may be stacks of one vehicle; a VTOL may report itself as a plane."""
         return (self.name, self.vehicle) == (other.name, other.vehicle)
 
     def mode_name(self, custom_mode: int) -> str:
@@ -94,7 +94,7 @@ class Stack:
         return numbers[name]
 
     def set_mode(self, custom_mode: int) -> Step:
-        """Return the MAV_CMD_DO_SET_MODE for a mode number of this stack."""
+        """Return the MAV_CMD_DO_SET_MODE command for a mode number of this stack."""
         if self.name == "px4":
             main_and_sub = (float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24))
             return Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, *main_and_sub))
@@ -210,10 +210,10 @@ def kind_parameters(stack: Stack) -> tuple[str, ...]:
 
 
 def kind_of(stack: Stack, values: Mapping[str, float]) -> str:
-    """Return the kind of a vehicle by its parameters, because ArduPlane's heartbeat may hide it.
+    """Return the kind of a vehicle from its parameters; ArduPlane's heartbeat may hide it.
 
-    ``values`` are those of ``kind_parameters(stack)`` by name; without them the kind is that of the
-    stack.
+    ``values`` are those of ``kind_parameters(stack)`` by name; without them, the kind is that of
+    the stack.
     """
     enabled = values.get("Q_ENABLE") if kind_parameters(stack) else None
     if enabled is None:

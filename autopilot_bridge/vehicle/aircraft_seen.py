@@ -1,4 +1,4 @@
-"""Decodes other aircraft that an ADS-B receiver on board has received (ADSB_VEHICLE)."""
+"""Decodes reports of other aircraft from an on-board ADS-B receiver (ADSB_VEHICLE)."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class AircraftSeen:
     """Another aircraft; speeds and track are None if unknown.
 
     ``altitude_m`` is above mean sea level, or the altitude in the standard atmosphere if
-    ``pressure_altitude`` is set. ``age_s`` is the time since the last reception of the aircraft.
+    ``pressure_altitude`` is set. ``age_s`` is the time since the aircraft was last received.
     """
 
     at_us: int
@@ -33,10 +33,9 @@ class AircraftSeen:
 
 
 def aircraft_seen(message: Message, at_us: int) -> AircraftSeen | None:
-    """Decode an ADSB_VEHICLE; return None without a position and an altitude, or for a simulated
-    one.
+    """Decode an ADSB_VEHICLE; return None if it is simulated or has no position or altitude.
 
-    ``ADSB_FLAGS_SIMULATED`` marks aircraft of a test; ``at_us`` is the time of reception.
+    ``ADSB_FLAGS_SIMULATED`` marks simulated aircraft; ``at_us`` is the time of reception.
     """
     flags = message.flags
     real = not flags & mavlink.ADSB_FLAGS_SIMULATED

@@ -1,11 +1,12 @@
 """Decodes the reports of a vehicle's cameras and gimbals.
 
 PX4 1.17 sends CAMERA_IMAGE_CAPTURED with the direction of the gimbal, or with the vehicle's
-attitude if no gimbal reports (``CameraFeedback.cpp``). ArduPilot 4.6.2 sends CAMERA_FEEDBACK with
-the vehicle's attitude and the time in UTC, or the time since boot if a feedback pin is used
-(``AP_Camera_Backend.cpp``). Cameras and gimbals with a component id of their own send the same
-messages. All directions are Euler angles in degrees: the yaw from north or from the vehicle's
-heading, the pitch from the horizon (-90: straight down), and the roll about the line of sight.
+attitude if no gimbal reports its own (``CameraFeedback.cpp``). ArduPilot 4.6.2 sends
+CAMERA_FEEDBACK with the vehicle's attitude and the time in UTC, or the time since boot if a
+feedback pin is used (``AP_Camera_Backend.cpp``). Cameras and gimbals with a component id of their
+own send the same messages. All directions are Euler angles in degrees: the yaw from north or from
+the vehicle's heading, the pitch from the horizon (-90: straight down), and the roll about the line
+of sight.
 """
 
 import math
@@ -67,7 +68,7 @@ class FieldOfView:
 
 @dataclass(frozen=True, slots=True)
 class HottestPoint:
-    """The hottest point of a thermal image; x and y are fractions of the size, from top left."""
+    """The hottest point of a thermal image; x and y are fractions of its size from the top left."""
 
     at_us: int
     max_c: float
@@ -107,7 +108,7 @@ def angles_of(q: Sequence[float]) -> Angles | None:
 
 
 def image_captured(message: Message, at_us: int) -> ImageCaptured | None:
-    """Decode a CAMERA_IMAGE_CAPTURED; return None for a failed capture or without a position."""
+    """Decode a CAMERA_IMAGE_CAPTURED; return None if the capture failed or has no position."""
     if message.capture_result != 1 or not (message.lat or message.lon):
         return None
     return ImageCaptured(
@@ -125,7 +126,7 @@ def image_captured(message: Message, at_us: int) -> ImageCaptured | None:
 
 
 def camera_feedback(message: Message, at_us: int) -> ImageCaptured | None:
-    """Decode a CAMERA_FEEDBACK; return None without a position."""
+    """Decode a CAMERA_FEEDBACK; return None if it has no position."""
     if not (message.lat or message.lng):
         return None
     in_utc = message.time_usec > YEAR_2000_US
@@ -144,7 +145,7 @@ def camera_feedback(message: Message, at_us: int) -> ImageCaptured | None:
 
 
 def gimbal_attitude(message: Message, at_us: int) -> GimbalAttitude | None:
-    """Decode a GIMBAL_DEVICE_ATTITUDE_STATUS; return None without an attitude."""
+    """Decode a GIMBAL_DEVICE_ATTITUDE_STATUS; return None if it has no attitude."""
     angles = angles_of(message.q)
     if angles is None:
         return None
@@ -161,12 +162,12 @@ def mount_orientation(message: Message, at_us: int) -> GimbalAttitude:
 
 
 def fov_status(message: Message, at_us: int) -> FieldOfView | None:
-    """Decode a CAMERA_FOV_STATUS; return None without a field of view."""
+    """Decode a CAMERA_FOV_STATUS; return None if it has no field of view."""
     return _field_of_view(message.hfov, message.vfov, at_us)
 
 
 def camera_information(message: Message, at_us: int) -> FieldOfView | None:
-    """Decode a CAMERA_INFORMATION; return None without focal length and sensor width."""
+    """Decode a CAMERA_INFORMATION; return None if it lacks the focal length or sensor width."""
     if not (message.focal_length > 0.0 and message.sensor_size_h > 0.0):
         return None
     horizontal_deg, vertical_deg = (
@@ -185,7 +186,7 @@ def _field_of_view(horizontal_deg: float, vertical_deg: float, at_us: int) -> Fi
 
 
 def thermal_range(message: Message, at_us: int) -> HottestPoint | None:
-    """Decode a CAMERA_THERMAL_RANGE; return None without a hottest point."""
+    """Decode a CAMERA_THERMAL_RANGE; return None if it has no hottest point."""
     place = (message.max_point_x, message.max_point_y)
     if not (math.isfinite(message.max) and all(0.0 <= each <= 1.0 for each in place)):
         return None

@@ -1,4 +1,4 @@
-"""Defines the events of a vehicle's client; ``at_us`` is the detection time by the link's clock."""
+"""Defines the events of a vehicle's client; ``at_us`` is the detection time on the link's clock."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ class LinksChanged:
 
 @dataclass(frozen=True, slots=True)
 class Rebooted:
-    """The autopilot has restarted: its time since boot began again at zero."""
+    """The autopilot has restarted: its time since boot began again from zero."""
 
     at_us: int
 
@@ -125,9 +125,9 @@ def _reported_fields(names: tuple[str, ...]) -> Callable[[Status], object]:
 
 @dataclass(frozen=True, slots=True)
 class Battery(Status):
-    """The state of a battery, reported when it changes and every ten seconds; unknown: None.
+    """The state of a battery, reported on change and every ten seconds; unknown values are None.
 
-    ``consumed_mah`` is the charge that was used; ``remaining_s`` is the autopilot's own estimate.
+    ``consumed_mah`` is the charge used; ``remaining_s`` is the autopilot's own estimate.
     """
 
     at_us: int
@@ -198,7 +198,7 @@ class EstimatorStatus(Status):
 class RemoteIdStatus(Status):
     """The state of the vehicle's Remote ID module, reported on change.
 
-    ``text`` is the module's error, or how the state was determined; "" if it reports no error.
+    ``text`` is the module's error, or how the state was determined; "" if there is no error.
     """
 
     at_us: int
@@ -295,7 +295,7 @@ AlarmKind = Literal["source", "clock", "jump", "value"]
 
 @dataclass(frozen=True, slots=True)
 class SameSystemId:
-    """Two remote endpoints send with one system id; messages from ``left_out`` are discarded."""
+    """Two remote endpoints use one system id; messages from ``left_out`` are discarded."""
 
     at_us: int
     kept: str

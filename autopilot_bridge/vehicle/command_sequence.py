@@ -1,8 +1,8 @@
-"""Sends sequences of commands by the MAVLink command protocol (COMMAND_LONG and COMMAND_INT).
+"""Sends sequences of commands using the MAVLink command protocol (COMMAND_LONG and COMMAND_INT).
 
 sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK rejected--> ended
 sent: the command is repeated on timeout
-working: the command is not repeated, because it was accepted; the end may be reported late or never
+working: the command was accepted and is not repeated; its completion may be reported late or never
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ def result_words(result: int) -> str:
     return RESULTS.get(result, f"MAV_RESULT {result}")
 
 
-# The reason for a rejection may arrive later, as a text (ArduPilot queues its texts).
+# The reason for a rejection may arrive later as a text (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
 HEARTBEAT_US = 1_200_000  # time within which a HEARTBEAT arrives
@@ -67,9 +67,9 @@ class CommandSequence:
     """A sequence of steps that are sent one after another.
 
     A step is sent when the previous one has been accepted, and is sent again if no reply arrives in
-    time. Repetition does no harm: each step commands a state or a position, never a change. When
-    the last step is accepted, or any step is rejected, ``outcome`` becomes the pair (accepted,
-    reason). The reason for a rejection includes the autopilot's last warning text.
+    time. Repetition is harmless: each step commands a state or a position, never a change. When the
+    last step is accepted, or any step is rejected, ``outcome`` becomes the pair (accepted, reason).
+    The reason for a rejection includes the autopilot's last warning text.
     """
 
     def __init__(

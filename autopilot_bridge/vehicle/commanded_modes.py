@@ -1,7 +1,7 @@
 """Records the commanded flight modes; any other mode is attributed to the autopilot or a pilot.
 
 An autopilot in failsafe can change the mode, and so can a pilot with a remote control. The client
-does not override such a mode: no command is repeated, and no transfer changes the mode.
+does not override such a mode: it repeats no command, and no transfer changes the mode.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -14,7 +14,7 @@ DELAYED_US = 2_000_000  # a mode may be entered this long after another mode was
 
 
 def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
-    """Return the numbers of the modes to which a step leads; empty if the mode is not changed."""
+    """Return the numbers of the modes that a step may enter; empty if it changes no mode."""
     if not isinstance(step, Step):
         return ()
     px4, plane = stack.name == "px4", stack.vehicle == "plane"
@@ -42,7 +42,7 @@ class CommandedModes:
         self._until_us: dict[int, int] = {}
 
     def expect(self, modes: tuple[int, ...], now_us: int) -> None:
-        """Record modes that are commanded now."""
+        """Record the modes that are being commanded."""
         if not modes:
             return
         self._until_us = {

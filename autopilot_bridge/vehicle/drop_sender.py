@@ -23,10 +23,10 @@ from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, re
 from autopilot_bridge.vehicle.orders import Dropper, drop
 
 FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)
-# A component id is used again after this number of drops, because ArduPilot stores the signing
+# A component id is reused after this number of drops, because ArduPilot stores the signing
 # timestamps of only 16 streams (system, component, link).
 PULSES_APART = 4
-RESET_INTERVAL_US = 50_000  # a dropper that is not reset cannot release another object
+RESET_INTERVAL_US = 50_000  # a dropper that has not been reset cannot release another object
 MAX_RESETS = 40
 # PX4's gripper acknowledges a release with ``CANCELLED`` if the reset arrives during the release,
 # and with ``ALREADY_DOING_IT`` if a link has duplicated the command. In both cases the object may
@@ -74,8 +74,8 @@ class DropSender:
     ) -> tuple[int, list[Message]]:
         """Return the id of the drop, and the messages of the release, which must be sent at once.
 
-        A drop is refused if the dropper is not reset yet or if the link to the vehicle is ``lost``.
-        Raises BridgeError if the stack has no command for this dropper.
+        A drop is refused if the dropper has not been reset or if the link to the vehicle is
+        ``lost``. Raises BridgeError if the stack has no command for this dropper.
         """
         release, reset_step = drop(stack, dropper)
         self._last_id += 1

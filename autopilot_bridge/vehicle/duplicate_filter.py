@@ -1,18 +1,18 @@
-"""Discards the messages of a vehicle that arrive over several links. Pure.
+"""Discards duplicates of a vehicle's messages that arrive over several links. Pure.
 
 An autopilot sends telemetry, texts and heartbeats on each of its telemetry ports, with separate
 sequence numbers, at slightly different times, and with slightly different content. It sends replies
 only on the port of the request. A router sends identical frames over several links.
 
-*Events* (texts, acknowledgements, requests of items, parameters): messages with the same content
-are counted on each link. The n-th of them is used once, from the link on which it arrives first. A
+*Events* (texts, acknowledgements, item requests, parameters): messages with the same content are
+counted on each link. The n-th of them is used once, from the link on which it arrives first. A
 message that the autopilot repeats is thus used again; a frame that arrives again with the same
 sequence number is not.
 
 *States* (positions, heartbeats and other periodic messages) are used from the link in use. If this
-link has lost a message, that of another link is used, but only if it is newer: a late heartbeat
-with an old mode would otherwise look like a change of the mode. The time of a message without a
-time field is that of the last message with a time since boot on its link.
+link has lost a message, the copy from another link is used, but only if it is newer: a late
+heartbeat with an old mode would otherwise look like a mode change. A message without a time field
+is given the last time since boot that was received on its link.
 """
 
 from collections import deque
@@ -27,9 +27,9 @@ STATES = MESSAGES | {
     *("GIMBAL_DEVICE_ATTITUDE_STATUS", "CAMERA_FOV_STATUS", "CAMERA_INFORMATION"),
     "CAMERA_THERMAL_RANGE",
 }
-DUPLICATE_WITHIN_US = 3_000_000  # equal messages within this time may be duplicates
+DUPLICATE_WITHIN_US = 3_000_000  # identical messages within this time may be duplicates
 MAX_KEYS = 512
-INTERVALS = 8  # number of intervals that the usual interval is computed from
+INTERVALS = 8  # number of intervals from which the usual interval is computed
 LATE_INTERVALS = 1.5  # a message is missing after this multiple of the usual interval
 UNKNOWN_INTERVAL_US = 1_000_000
 MIN_INTERVAL_US, MAX_INTERVAL_US = 100_000, 5_000_000
@@ -40,7 +40,7 @@ EventKey = tuple[int, str, bytes]
 
 
 class _Occurrences:
-    """The messages with the same content."""
+    """Messages with the same content."""
 
     def __init__(self) -> None:
         self.at_us = 0
@@ -50,7 +50,7 @@ class _Occurrences:
 
 
 class _Periodic:
-    """The used messages of one kind."""
+    """The messages of one kind that have been used."""
 
     def __init__(self) -> None:
         self.age_us: int | None = None  # the autopilot's time of the last used message
@@ -72,7 +72,7 @@ class DuplicateFilter:
         self._switched_us: int | None = None
 
     def link_switched(self, now_us: int) -> None:
-        """Use the next requests of items from any link, because a transfer begins again."""
+        """Use the next item requests from any link, because a transfer begins again."""
         self._events = {
             key: same for key, same in self._events.items() if not key[1].startswith("MISSION_")
         }

@@ -5,13 +5,13 @@ These flags of the position estimate are used (sources: ArduPilot 4.6.2 ``AP_Nav
 
 - attitude, horizontal velocity and absolute horizontal position: both stacks set each flag if the
   value is valid;
-- constant position mode: ArduPilot sets this flag if no sensor gives position or velocity. PX4 also
-  sets the flag while the vehicle stands still, so the flag is ignored for PX4;
-- a glitch of the satellite position: both stacks set this flag after a single bad sample, so a
-  glitch is reported only if the flag is set in two consecutive messages;
-- the prediction of the absolute position: if PX4 clears this flag, the position is dead reckoned
-  without satellites, although PX4 still reports the position as valid for some seconds. ArduPilot
-  sets this flag together with that of the absolute horizontal position.
+- constant position mode: ArduPilot sets this flag if no sensor provides position or velocity. PX4
+  also sets the flag while the vehicle is stationary, so the flag is ignored for PX4;
+- satellite position glitch: both stacks set this flag after a single bad sample, so a glitch is
+  reported only if the flag is set in two consecutive messages;
+- predicted absolute position: if PX4 clears this flag, the position is dead reckoned without
+  satellites, although PX4 still reports the position as valid for some seconds. ArduPilot sets this
+  flag together with the flag for the absolute horizontal position.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -35,7 +35,7 @@ BREACHES = {
     mavlink.FENCE_BREACH_BOUNDARY: "boundary",
 }
 GLITCH = "satellite position glitch"
-# Flags that are set in the normal state, each with the name of the problem if the flag is clear.
+# Flags that are normally set, each with the name of the problem if the flag is clear.
 NEEDED = (
     (mavlink.ESTIMATOR_ATTITUDE, "attitude not valid"),
     (mavlink.ESTIMATOR_VELOCITY_HORIZ, "velocity not valid"),
@@ -86,7 +86,7 @@ class Estimator:
     """The problems of the position estimate, filtered over consecutive messages."""
 
     def __init__(self) -> None:
-        # The number of consecutive messages with each problem that is not reported yet.
+        # The number of consecutive messages with each problem not yet reported.
         self._present: dict[str, int] = {}
         # The number of consecutive messages without each reported problem.
         self._absent: dict[str, int] = {}

@@ -3,10 +3,10 @@
 waiting --frame--> up --loss--> degraded --less loss--> up
 any --no frame for ``SILENT_US``--> silent --frame--> up
 
-The loss is measured by gaps in the sequence numbers of the vehicle's frames, over ``WINDOW_US``:
+The loss is measured from gaps in the sequence numbers of the vehicle's frames, over ``WINDOW_US``:
 autopilots number the frames of each of their telemetry ports separately (ArduPilot and PX4), and
-routers forward the numbers unchanged. The measured loss is that from the vehicle to this station
-only; the loss in the other direction is unknown.
+routers forward the numbers unchanged. Only the loss from the vehicle to this station is measured;
+the loss in the other direction is unknown.
 
 The links have an order of preference. A silent link is left at once, and a degraded link as soon as
 another link is better. A link of higher preference is used again after it has been up for
@@ -23,9 +23,9 @@ Cause = Literal["", "silent", "loss", "recovered"]
 SILENT_US = 3_000_000
 WINDOW_US = 10_000_000
 BUCKET_US = 1_000_000
-MIN_FRAMES = 20  # received and lost frames in the window that a loss is computed from
+MIN_FRAMES = 20  # minimum number of received and lost frames for computing a loss
 DEGRADED_LOSS, GOOD_LOSS = 0.3, 0.15
-# A degraded link is left for one whose loss is smaller by this, even if that one is degraded too.
+# A degraded link is left for another, even a degraded one, if the loss there is smaller by this.
 BETTER_LOSS = 0.2
 DWELL_US = 5_000_000  # minimum time between two switches because of loss
 RETURN_AFTER_US, MAX_RETURN_AFTER_US = 10_000_000, 160_000_000
@@ -58,7 +58,7 @@ class LinkQuality:
         self._next_seq: int | None = None
         self._missing: set[int] = set()
         self._earlier = 0
-        self._buckets: deque[list[int]] = deque()  # [number of the bucket, received, lost]
+        self._buckets: deque[list[int]] = deque()  # [index of the bucket, received, lost]
 
     def on_frame(self, seq: int, now_us: int) -> None:
         """Record a frame of the vehicle's autopilot with its sequence number."""
@@ -77,7 +77,7 @@ class LinkQuality:
         self._count(1, gap, now_us)
 
     def on_other_component(self, seq: int) -> None:
-        """Record a frame of another component, which may be numbered with the autopilot's."""
+        """Record a frame of another component, which may share the autopilot's numbering."""
         if self._next_seq == seq:
             self._next_seq = (seq + 1) % 256
 
@@ -153,8 +153,8 @@ class LinkSelection:
     def switch(self, busy: bool, now_us: int) -> bool:
         """Switch to another link if necessary; return whether ``in_use`` has changed.
 
-        While the station is ``busy`` with a transfer or a command, a link that works is not left
-        for a preferred one, and a degraded link only for one with a much smaller loss, because a
+        While the station is ``busy`` with a transfer or a command, a working link is not left for a
+        more preferred one, and a degraded link only for one with a much smaller loss, because a
         transfer begins again over the new link.
         """
         best = min(self.order, key=self._rank)

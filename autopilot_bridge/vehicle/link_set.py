@@ -13,15 +13,15 @@ from autopilot_bridge.vehicle.link_selection import Cause, LinkSelection, LinkSt
 from autopilot_bridge.vehicle.message_rates import MessageRates, RatesHz
 
 CHECK_EVERY_US = 500_000
-REPORT_EVERY_US = 10_000_000  # minimum time between reports of a changed loss
+REPORT_EVERY_US = 10_000_000  # minimum time between two reports of a changed loss
 LOSS_CHANGED = 0.05
 
 
 class LinkSet:
-    """The links of one vehicle, which may be one.
+    """The links of one vehicle; there may be only one.
 
     Args:
-        names: The addresses of the links by number.
+        names: The addresses of the links, by link number.
         order: The numbers of this vehicle's links, the preferred link first.
         own: This station's system and component id.
         rates_hz: Message rates to request on each of several links; on a single link the client
@@ -65,7 +65,7 @@ class LinkSet:
             quality.on_other_component(message.get_seq())
 
     def is_usable(self, message: Message, link: int, now_us: int) -> bool:
-        """Return whether to use a message, which is not a duplicate."""
+        """Return whether to use a message, i.e. whether it is not a duplicate."""
         if len(self.order) == 1:
             return True
         return self._duplicates.is_usable(message, link, self.in_use, now_us)
@@ -150,7 +150,7 @@ def _losses_differ(now: tuple[LinkStatus, ...], before: tuple[LinkStatus, ...]) 
 
 
 def _over(link: int, messages: list[Message]) -> list[Message]:
-    """Return the messages, to be sent over ``link`` whichever link is in use."""
+    """Mark the messages to be sent over ``link``, whichever link is in use, and return them."""
     for message in messages:
         message.over_link = link
     return messages

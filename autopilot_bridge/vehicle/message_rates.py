@@ -3,8 +3,8 @@
 requested --COMMAND_ACK--> next message; a request is repeated on timeout, then skipped
 after all requests: absent messages are requested again a few times
 
-Messages may stop because ArduCopter resets its message rates when it restarts, and the heartbeat
-does not show a restart.
+Messages may stop because ArduCopter resets its message rates when it restarts, and a restart is not
+visible in its heartbeat.
 
 An acknowledgement does not contain the message id, so a request is sent only after the previous
 request was acknowledged.
@@ -43,7 +43,7 @@ RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
     mavlink.MAVLINK_MSG_ID_WIND: 0.2,
     mavlink.MAVLINK_MSG_ID_WIND_COV: 0.2,
-    # Until its landing is reported, an order to hold would lift a landed vehicle off.
+    # Until its landing is reported, a hold order would make a landed vehicle take off.
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 4.0,
     # Reports of failures must arrive within two seconds.
     mavlink.MAVLINK_MSG_ID_VFR_HUD: 2.0,
@@ -61,7 +61,7 @@ DROP_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
 }
-# For sensors whose images are georeferenced by telemetry. Images are reported without a request.
+# For sensors whose images are georeferenced from telemetry. Images are reported without a request.
 CAMERA_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 4.0,
     mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 4.0,
@@ -94,7 +94,7 @@ ROUNDS = 3  # consecutive rounds of requests for the same messages
 
 
 def rates_for(stack: Stack, rates_hz: RatesHz = ALL_RATES_HZ) -> dict[int, float]:
-    """Return the rates in Hz of those messages that the stack has, by message id."""
+    """Return the rates in Hz of those messages that the stack sends, by message id."""
     absent = _OF_THE_OTHER_STACK[stack.name]
     return {key: hz for key, hz in rates_hz.items() if key not in absent}
 

@@ -4,12 +4,12 @@ PX4 starts a new list without a command, at the item that was sent with ``curren
 MISSION_CURRENT, sent once a second, contains the id of the list, and whether the list is *fit* (PX4
 accepts it for flight). The sequence number of MISSION_CURRENT is weak evidence: a plane in the air
 skips its takeoff item at once, and a waypoint may be reached before the first message arrives. If
-the same list (the same id) was on board before, PX4 keeps its current item, and the item to start
-with must be commanded.
+the same list (the same id) was on board before, PX4 keeps its current item, and the first item to
+fly must be commanded.
 
 ArduPilot flies on to its old target, and keeps its current item, until an item is commanded.
 ArduPilot acknowledges that command. If the acknowledgement is lost, a sequence number that the
-vehicle could not have reached from the old current item proves the start as well.
+vehicle could not have reached from the old current item also proves the start.
 
 sent --acknowledgement, or report of the new item--> ended
 sent --timeout after a report of the old item--> repeated; without a report: wait

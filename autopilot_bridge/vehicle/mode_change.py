@@ -21,7 +21,7 @@ def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
 
 
 class ModeChange(Exchange):
-    """A change of mode, only from the mode ``before``; a HEARTBEAT must confirm the new mode."""
+    """A mode change, made only from the mode ``before``; a HEARTBEAT must confirm the new mode."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class ModeChange(Exchange):
         self._again_us = 0
 
     def start(self, now_us: int) -> list[Message]:
-        """Start to wait for a heartbeat; return no messages."""
+        """Start waiting for a heartbeat; return no messages."""
         self._again_us = now_us
         self._deadline_us = now_us + self._timing.timeout_us * (self._timing.retries + 1)
         return []
@@ -72,7 +72,7 @@ class ModeChange(Exchange):
         return []
 
     def stop_commands(self, why: str) -> None:
-        """End the change of mode, because the autopilot or a pilot has changed the mode."""
+        """End the mode change, because the autopilot or a pilot has changed the mode."""
         if self.result is None:
             self.result = TransferResult("failed", why)
 

@@ -33,7 +33,7 @@ FAILSAFES = (
 )
 ALARM_ENDS_US = 10_000_000  # the alarm ends this long after the last message that caused it
 # After the time since boot has jumped back, a restart is suspected for this long. A restart is
-# detected within half of this time.
+# detected within half this time.
 UNDECIDED_US = 2_000_000
 NOT_USED = "the message is not used"
 
@@ -44,7 +44,7 @@ class VehicleMonitor:
     def __init__(
         self, heartbeat_timeout_us: int = 3_000_000, max_speed_m_s: float | None = None
     ) -> None:
-        """Create the state; positions that imply a speed over ``max_speed_m_s`` are discarded."""
+        """Create the state; positions that imply a speed above ``max_speed_m_s`` are discarded."""
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
@@ -68,7 +68,7 @@ class VehicleMonitor:
         self._estimate_healthy = True  # whether the last report had no problem
         self._alarms: dict[AlarmKind, int] = {}  # active alarms with their end times
         self._backward_jump_us = 0  # 0 if the time since boot did not jump back
-        self.undecided_until_us = 0  # until this time a restart is suspected
+        self.undecided_until_us = 0  # a restart is suspected until this time
         self.used = True  # whether the last message was used, at least partly
 
     @property
@@ -78,7 +78,7 @@ class VehicleMonitor:
 
     @property
     def in_mission(self) -> bool:
-        """Whether the vehicle flies its mission."""
+        """Whether the vehicle is flying its mission."""
         flies = self.stack is not None and self.custom_mode == self.stack.mission_mode
         return self.armed and flies
 
@@ -97,7 +97,7 @@ class VehicleMonitor:
         return [LinkLost(now_us, now_us - self._received_us)]
 
     def keep_alive(self, now_us: int) -> None:
-        """Record a HEARTBEAT that is otherwise not used, because it also came over another link."""
+        """Record a HEARTBEAT that is otherwise ignored: it also arrived over another link."""
         if self._received_us is not None and not self._lost:
             self._received_us = now_us
 
@@ -182,7 +182,7 @@ class VehicleMonitor:
     def _alarm(
         self, kind: AlarmKind, words: str, now_us: int, again: bool = False
     ) -> list[ClientEvent]:
-        """Return a new alarm; an alarm that is active is repeated only if ``again`` is set."""
+        """Return a new alarm; an active alarm is repeated only if ``again`` is set."""
         raised = kind in self._alarms
         self._alarms[kind] = now_us + ALARM_ENDS_US
         return [] if raised and not again else [Implausible(now_us, kind, words)]
@@ -197,7 +197,7 @@ class VehicleMonitor:
                 self.unfit = message.mission_state == mavlink.MISSION_STATE_NO_MISSION
                 if message.seq != self.current:
                     self.current = message.seq
-                    if message.seq < self.hidden_items:  # ArduPilot's home: not in the mission yet
+                    if message.seq < self.hidden_items:  # ArduPilot's home: not yet in the mission
                         return []
                     return [MissionProgress(now_us, message.seq - self.hidden_items)]
             case "MISSION_ITEM_REACHED":

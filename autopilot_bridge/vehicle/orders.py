@@ -1,6 +1,6 @@
 """Contains the commands of a vehicle: the MAV_CMDs of each stack, their arguments and retries.
 
-``ORDERS`` is the table; a row is an *order*, one command of a user. To add a command, add a row and
+``ORDERS`` is the table; each row is an *order*, one user command. To add a command, add a row and
 the function that returns its steps. The commands were tested on PX4 1.17 and ArduPilot 4.6.2. The
 functions raise BridgeError for a command that the stack does not have. Altitudes are above mean sea
 level unless their names state another reference.
@@ -110,10 +110,10 @@ def return_home(stack: Stack) -> tuple[Step, ...]:
 
 
 def return_height(stack: Stack, height_m: float) -> Steps:
-    """Return the steps that set the minimum height above home of a multirotor's return.
+    """Return the steps that set the minimum height above home at which a multirotor returns.
 
-    The parameters are changed permanently. By default ArduCopter returns at its current height but
-    at least at 15 m. PX4 returns at a height that decreases near home.
+    The parameters are changed permanently. By default ArduCopter returns at its current height, but
+    no lower than 15 m. PX4 returns at a height that decreases near home.
     """
     if stack.vehicle != "copter":
         raise BridgeError("the return height can be set only for multirotors")
@@ -125,7 +125,7 @@ def return_height(stack: Stack, height_m: float) -> Steps:
 
 
 def land(stack: Stack) -> Steps:
-    """Return the step that lands: ArduPlane by DO_LAND_START, other vehicles at their position."""
+    """Return the step that lands: ArduPilot planes by DO_LAND_START, others at their position."""
     if stack.name == "ardupilot" and stack.vtol:
         return set_mode(stack, "qland")
     if stack.name == "ardupilot" and stack.vehicle == "plane":
@@ -134,10 +134,10 @@ def land(stack: Stack) -> Steps:
 
 
 def go_around(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
-    """Return the step that breaks off a landing on its last leg.
+    """Return the step that aborts a landing on its final leg.
 
-    ArduPlane climbs straight ahead, and continues with the item after the landing; a mission that
-    lands therefore contains the place of a go-around. Other vehicles fly to the position and hold
+    ArduPlane climbs straight ahead, and continues with the item after the landing; a mission with a
+    landing therefore contains the go-around position. Other vehicles fly to the position and hold
     there.
     """
     if stack.name == "ardupilot" and stack.vehicle == "plane":
@@ -163,8 +163,8 @@ def orbit(
 ) -> Steps:
     """Return the steps that circle a position, clockwise if the radius is positive.
 
-    Another orbit command moves or changes the circle. If ``speed_m_s`` is given, the steps command
-    that speed too; otherwise PX4 multirotors circle at 1 m/s at first.
+    A further orbit command moves or changes the circle. If ``speed_m_s`` is given, the steps
+    command that speed too; otherwise PX4 multirotors circle at 1 m/s at first.
     """
     place = _place(lat_deg, lon_deg, altitude_amsl_m)
     if stack.name == "ardupilot" and stack.vehicle == "copter":
@@ -260,9 +260,9 @@ def _actuators(number: int, value: float) -> tuple[float, ...]:
 def change_speed(stack: Stack, speed_m_s: float, orbiting: bool = False) -> Steps:
     """Return the step that sets the airspeed of a plane or the ground speed of a multirotor.
 
-    The speed is valid until the next change of speed or mode. While a PX4 multirotor orbits, it
-    accepts this command without any effect; with ``orbiting`` the step therefore commands the speed
-    of the orbit.
+    The speed applies until the next change of speed or mode. A PX4 multirotor in an orbit accepts
+    this command but ignores it; with ``orbiting`` the step therefore commands the speed of the
+    orbit.
     """
     _checked_speed(speed_m_s)
     if orbiting and stack.name == "px4" and stack.vehicle == "copter":
@@ -355,7 +355,7 @@ ORDERS = {
     # lat_deg, lon_deg, altitude_amsl_m
     "go around": Order(_of_stack(go_around), urgent=True, timing=AT_ONCE),
     "reposition": Order(_of_stack(reposition)),  # lat_deg, lon_deg, altitude_amsl_m
-    # As "reposition", but before all other commands: lat_deg, lon_deg, altitude_amsl_m
+    # Like "reposition", but before all other commands: lat_deg, lon_deg, altitude_amsl_m
     "hold at": Order(_of_stack(reposition), urgent=True),
     # lat_deg, lon_deg, altitude_amsl_m
     "climb and hold": Order(_of_stack(climb_and_hold), urgent=True, timing=AT_ONCE),

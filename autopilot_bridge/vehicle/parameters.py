@@ -149,7 +149,7 @@ class _ParameterExchange:
 
 
 class ParameterRead(_ParameterExchange):
-    """The read of one parameter by name."""
+    """A request for one parameter by name."""
 
     def __init__(
         self, target: tuple[int, int], name: str, bytewise: bool, timing: TransferTiming
@@ -181,7 +181,7 @@ class ParameterRead(_ParameterExchange):
 
 
 class ParameterSet(_ParameterExchange):
-    """The change of one parameter: read the type, send the value, wait for the reported value."""
+    """A change of one parameter: read the type, send the value, wait for the reported value."""
 
     def __init__(
         self,
@@ -258,7 +258,7 @@ def _same(reported: float, requested: float) -> bool:
 
 
 class ParametersRead(_ParameterExchange):
-    """The read of all parameters: the list, then missing indexes; NaN values are omitted."""
+    """A request for all parameters: the list, then missing indexes; NaN values are omitted."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
         super().__init__(target, bytewise, timing)

@@ -11,18 +11,17 @@ vehicle's clock advances in ten seconds), or if it is earlier than the latest re
 than ``BACK_US`` (in simulations: five seconds of the vehicle's clock). The times in delayed
 messages and in bursts are earlier than expected, and are accepted.
 
-Autopilots count from zero at their boot (``hrt_absolute_time`` in PX4, ``millis`` in ArduPilot). A
-new series of times is therefore a *restart* only if its first time since boot does not exceed the
-length of the silence before the series. The series must contain all messages for ``REBOOT_KEPT_US``
-and at least ``KEPT`` messages. Any other series that contains all messages for ``CHANGED_KEPT_US``
-is adopted as the autopilot's new time: its clock was set, or this machine's clock stood still.
-Mission time then continues without a jump.
+Autopilots count from zero at boot (``hrt_absolute_time`` in PX4, ``millis`` in ArduPilot). A new
+series of times is therefore a *restart* only if its first time since boot does not exceed the
+length of the silence before the series. The series must include every message received during
+``REBOOT_KEPT_US`` and at least ``KEPT`` messages. Any other series that includes every message
+received during ``CHANGED_KEPT_US`` is adopted as the autopilot's new time: its clock was set, or
+this machine's clock stood still. Mission time then continues without a jump.
 
 *Positions.* A position is discarded if the airframe could not have flown there from its last
-positions in the time between them. Positions that are consistent with each other for
-``PLACES_KEPT_US`` are adopted: a simulated vehicle was moved, or a wrong position estimate was
-corrected. After a start of the autopilot, positions are checked only once the position estimate is
-healthy.
+positions in the elapsed time. Positions that are consistent with each other for ``PLACES_KEPT_US``
+are adopted: a simulated vehicle was moved, or a wrong position estimate was corrected. After a
+start of the autopilot, positions are checked only once the position estimate is healthy.
 
 A forged message within these limits that comes from the vehicle's own address cannot be
 distinguished from a true message. Signed links prevent forgery.
@@ -100,7 +99,7 @@ class BootClock:
         return 1.0 if self._peak <= REAL else REAL * self._peak
 
     def ahead_us(self, boot_us: int, now_us: int) -> int:
-        """Return the lead in microseconds of a time since boot over the expected time."""
+        """Return by how many microseconds a time since boot is ahead of the expected time."""
         if self._latest_us is None:
             return 0
         return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
@@ -150,7 +149,7 @@ class BootClock:
         return boot_us + self.rate * (now_us - at_us) + slack_us
 
     def _expected_us(self, now_us: int) -> int:
-        """Return the upper limit of ``_latest_us``; one wrong time must not make others late."""
+        """Return the upper limit of ``_latest_us``: one wrong time must not make others late."""
         if len(self._points) < POINTS:
             return 1 << 62
         at_us, boot_us = self._line
@@ -207,7 +206,7 @@ class Reach:
         self._anchor = self._other = None
 
     def forget_positions(self) -> None:
-        """Accept any next position, because no earlier one is reliable."""
+        """Accept any position next, because no earlier one is reliable."""
         self._last = self._anchor = self._other = None
 
     def judge(self, place: Position, rate: float) -> PlaceVerdict:

@@ -27,7 +27,7 @@ class RemoteBinding:
 
     def __init__(self, timeout_us: int, called: str = "", signed: bool = False) -> None:
         """Create the binding; ``called`` is the remote to which the link connects, or ""."""
-        self.remote: str | None = None  # None: not bound yet
+        self.remote: str | None = None  # None until bound
         self.alarms: list[SourceAlarm] = []
         self._timeout_us = timeout_us
         self._called = called

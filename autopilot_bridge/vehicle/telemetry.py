@@ -79,7 +79,7 @@ def wind_from_vector(message: Message, at_us: int) -> Wind | None:
 
 
 def wind_of_air(north_m_s: float, east_m_s: float, at_us: int) -> Wind:
-    """Return the wind for a motion of the air to the north and to the east in m/s."""
+    """Return the wind for the given north and east components of the air's velocity in m/s."""
     from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
     return Wind(at_us, from_deg, math.hypot(north_m_s, east_m_s))
 
@@ -97,7 +97,7 @@ def battery_of_system(message: Message, at_us: int) -> Battery:
 
 
 def battery(message: Message, at_us: int) -> Battery:
-    """Decode a BATTERY_STATUS; the voltage is the sum over the cells."""
+    """Decode a BATTERY_STATUS; the voltage is the sum of the cell voltages."""
     cells = [mv for mv in message.voltages if mv != UNKNOWN_VOLTAGE_MV]
     current_ca = message.current_battery
     return Battery(
@@ -178,7 +178,7 @@ class Changes:
         """Store a state; return whether it differs from the last reported one of its kind.
 
         The state of a battery is reported again every ``BATTERY_EVERY_US``: an unchanged charge
-        shows that the battery does not discharge, which missing reports do not.
+        shows that the battery does not discharge; missing reports do not show this.
         """
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
@@ -196,7 +196,7 @@ class Telemetry:
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}
-        self._before_us = -1  # the time of the previous message of the kind that arrived last
+        self._before_us = -1  # the time of the previous message of the same kind as the last one
         self._changes = Changes()
         self._estimator = Estimator()
         self._has_battery_status = False

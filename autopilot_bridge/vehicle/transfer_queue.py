@@ -35,7 +35,7 @@ from autopilot_bridge.vehicle.mode_change import ModeChange
 from autopilot_bridge.vehicle.transfer_states import Action, Job, Phase, Transfer, VehicleState
 
 LAST_NAV = 95  # MAV_CMD_NAV_LAST; commands with higher numbers are not legs of the flight
-# A vehicle never continues to the item after one of these items: endless loiter, return, land.
+# A vehicle never continues to the item after one of these items: unlimited loiter, return, land.
 LAST_FOR_GOOD = (17, 20, 21)
 Step = tuple[Phase, Transfer]
 Following = Step | TransferResult
@@ -94,10 +94,10 @@ class TransferQueue:
         return job.exchange.cancel(stack.cancels_after_us, now_us)
 
     def cancel_missions(self, stack: Stack, why: str, now_us: int) -> list[Message]:
-        """Cancel all uploads of missions because the vehicle returns, with ``why`` as the reason.
+        """Cancel all mission uploads because the vehicle returns, with ``why`` as the reason.
 
-        PX4 returns by its mission, to the landing at its end. A mission that arrives during the
-        return, or a change of the current item, makes PX4 1.17 fly the mission from this item on.
+        PX4 returns along its mission to the landing at the end. A mission that arrives during the
+        return, or a change of the current item, makes PX4 1.17 fly the mission from that item on.
         """
         jobs = [*self._queue, *([] if self._job is None else [self._job])]
         uploads = [job for job in jobs if (job.action, job.kind) == ("upload", "mission")]
@@ -114,7 +114,7 @@ class TransferQueue:
     def release_mode(self) -> None:
         """Prevent uploads from changing the mode from now on, because a command controls the mode.
 
-        An upload that is changing the mode at this time is ended.
+        A mode change in progress is ended.
         """
         job = self._job
         for queued in (*self._queue, *(() if job is None else (job,))):
@@ -128,8 +128,8 @@ class TransferQueue:
         """Prevent the current upload from changing the mode.
 
         The autopilot or a pilot has changed the mode. Queued uploads check the mode when they
-        begin. A disarmed ArduPlane leaves AUTO by itself when its old mission is cleared; its new
-        mission is still set to its first item.
+        begin. A disarmed ArduPlane leaves AUTO by itself when its old mission is cleared; the first
+        item of its new mission is still made current.
         """
         job = self._job
         if job is None or job.action != "upload":
@@ -219,8 +219,8 @@ class TransferQueue:
     def link_switched(self, now_us: int) -> list[Message]:
         """Continue the active transfer over another link of the vehicle.
 
-        Each link of PX4 has its own state machine of transfers, and ArduPilot sends its requests
-        over the link on which an upload began. Transfers by items therefore begin again. Other
+        Each link of PX4 has its own transfer state machine, and ArduPilot sends its requests over
+        the link on which an upload began. Item-by-item transfers therefore begin again. Other
         requests are repeated over the new link when their replies are overdue.
         """
         exchange = None if self._job is None else self._job.exchange

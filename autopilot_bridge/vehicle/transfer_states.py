@@ -110,7 +110,7 @@ class VehicleState(NamedTuple):
 
     @property
     def in_mission(self) -> bool:
-        """Whether the vehicle flies its mission."""
+        """Whether the vehicle is flying its mission."""
         return self.armed and self.custom_mode == self.stack.mission_mode
 
 

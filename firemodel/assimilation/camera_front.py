@@ -1,4 +1,4 @@
-"""Compute observations automatically from the images of cameras and sensors."""
+"""Compute observations automatically from camera and sensor images."""
 
 from collections.abc import Sequence
 
@@ -19,13 +19,12 @@ Bools = NDArray[np.bool_]
 
 
 class CameraFront:
-    """A limited number of observations that are computed from the images of a camera.
+    """A limited number of observations, computed from a camera's images.
 
     The edge between a burned cell and an unburned neighbour gives a burning observation. A cell
     whose observed state differs from its simulated state gives a burned or unburned observation.
-    For each state, in each square with sides of ``apart_m`` and in each interval of ``every_s``,
-    only the newest observation is kept. Of the kept observations, only the newest ``most`` are
-    used.
+    For each state, in each square with sides of ``apart_m`` and each interval of ``every_s``, only
+    the newest observation is kept. Of these observations, only the newest ``most`` are used.
     """
 
     def __init__(
@@ -60,7 +59,7 @@ class CameraFront:
         self._keep(places[unburned[observed] & simulated], at_s, UNBURNED)
 
     def observations(self) -> Floats:
-        """Return the kept observations (n, 4) in order of time: x, y, at_s and state."""
+        """Return the kept observations (n, 4) in chronological order: x, y, at_s and state."""
         newest = sorted(self._observations.values(), key=lambda observation: observation.at_s)[
             -self.most :
         ]

@@ -1,4 +1,4 @@
-"""Compare the fires of an ensemble with the burned cells in the window of a camera image."""
+"""Compare an ensemble's fires with the burned cells in the window of a camera image."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 BLOCK_CELLS = 8  # side of the blocks in which burned areas are compared
 MIN_BLOCK_CELLS = 32  # a block with fewer observed cells is not compared
 MIN_FRONT_CELLS = 3  # a block with a shorter observed front gives no distance
-MIN_BURNED_CELLS = 2  # a block without observed fire is used if a member burns more
+MIN_BURNED_CELLS = 2  # a block without observed fire is used if a member burned more cells
 MIN_SD_CELLS = 0.3  # blocks in which the members differ less give no information
 
 
@@ -24,7 +24,7 @@ def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Float
     Returns:
         The excess (members, blocks), and the length of the front in each block in cells. A block is
         left out if few of its cells were observed, if the members nearly agree in the block, or if
-        the block contains neither an observed front nor fire of a member.
+        the block contains neither an observed front nor a member's fire.
     """
     from scipy.ndimage import binary_dilation  # importing SciPy is slow
 

@@ -19,13 +19,13 @@ Ints = NDArray[np.int64]
 class ArrivalRaster:
     """The arrival times (y, x) of a landscape's cells, as an ``AdjustableFire``.
 
-    An unburned cell has the arrival time infinity.
+    The arrival time of an unburned cell is infinity.
 
-    The ignition cell from which fire reached a cell is found by stepping back from the cell to the
-    earliest neighbour until no neighbour is earlier. Each of the three adjustments (``rates``) is
-    the logarithm of a factor of travel times. The first adjustment applies to all paths. The second
-    and the third are multiplied by the east and the north component of the unit vector along a
-    path.
+    The ignition cell from which fire reached a cell is found by repeatedly stepping back to the
+    neighbour that burned earliest, until no neighbour burned earlier. Each of the three adjustments
+    (``rates``) is the logarithm of a factor that multiplies travel times. The first adjustment
+    applies to all paths. The second and the third are multiplied by the east and the north
+    component, respectively, of the unit vector along a path.
     """
 
     rates_sd = np.array([0.7, 0.4, 0.4])
@@ -39,7 +39,7 @@ class ArrivalRaster:
         self._rates = np.zeros(3)
 
     def rated(self, rates: Floats) -> "ArrivalRaster":
-        """Return a copy of this fire with ``rates`` (3,) added to the adjustments of this fire."""
+        """Return a copy of this fire with ``rates`` (3,) added to its adjustments."""
         other = ArrivalRaster.__new__(ArrivalRaster)
         other.arrival_s, other.landscape = self.arrival_s, self.landscape
         other._origin, other._rates = self._origin, self._rates + rates
@@ -103,7 +103,7 @@ class ArrivalRaster:
 def _origins(arrival_s: Floats) -> Ints:
     """Return, for each cell, the index (n,) of the ignition cell from which fire reached the cell.
 
-    For an ignition cell and a cell without fire, this is the index of the cell itself.
+    For an ignition cell or a cell without fire, this is the index of the cell itself.
     """
     rows, cols = arrival_s.shape
     origin: Ints = np.arange(arrival_s.size).reshape(rows, cols)
@@ -135,11 +135,11 @@ def corrected_arrival(
 
     The columns of the observations are x, y, at_s and state.
 
-    To use the method of Beachly et al. with a length of 30 m, pass as ``method`` the function
-    ``lambda fire, observations: PaperCorrected(fire, observations, 30.0)``. The simulated fire must
-    extend beyond the observed positions. A cell that the fire never reaches stays unburned unless
-    an observation states that the cell is burned or burning. The cell then burns from the time of
-    the earliest such observation.
+    To use the method of Beachly et al. with a length of 30 m, pass
+    ``lambda fire, observations: PaperCorrected(fire, observations, 30.0)`` as ``method``. The
+    simulated fire must extend beyond the observed positions. A cell that the fire never reaches
+    stays unburned unless an observation states that the cell is burned or burning. The cell then
+    burns from the time of the earliest such observation.
     """
     observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)
@@ -155,7 +155,7 @@ def corrected_arrival(
 
 
 def warm_up() -> None:
-    """Compile the kernels that corrections use, by running a small correction."""
+    """Run a small correction, to compile the kernels that corrections use."""
     from firemodel.landscape.flat import flat_landscape
 
     land = flat_landscape(8, 8, 30.0, 0.0, 3.0)

@@ -1,4 +1,4 @@
-"""Compute distances in a window of cells, without SciPy, whose import is slow."""
+"""Compute distances in a window of cells without SciPy, which is slow to import."""
 
 import numpy as np
 

@@ -1,11 +1,11 @@
 """Correct a simulated fire with observations, as in section IV of Beachly et al.
 
-The error e of an observation is the delay of the observed fire behind the simulated fire
+The error e of an observation is the delay of the observed fire relative to the simulated fire
 (``point_observations.errors_s``). At another position, this error has a weight k, which is a
-squared exponential of the distance. The correction at a position is Σ k e / max(1, Σ k). Near many
-observations, the correction is the weighted mean of their errors; far from all observations the
-correction is 0. The weight does not depend on the time of an observation, so two observations at
-the same position are averaged.
+squared exponential of the distance. The correction at a position is Σ k e / max(1, Σ k). Close to
+many observations, the correction is the weighted mean of their errors; far from all observations
+the correction is 0. The weight does not depend on the time of an observation, so two observations
+at the same position are averaged.
 """
 
 import math
@@ -21,11 +21,11 @@ from firemodel.errors import FireModelError
 POINTS_A_TILE = 512
 NEGLIGIBLE = 1e-9  # a smaller squared exponential counts as 0
 MAX_EXPONENT = -math.log(NEGLIGIBLE)
-# exp(-y) = exp(-y / 64)**64: a series of nine terms about the middle of the range of y / 64.
+# exp(-y) = exp(-y / 64)**64: a nine-term series about the middle of the range of y / 64.
 PARTS, MIDDLE = 64.0, MAX_EXPONENT / 128.0
-# In a square of ``SMOOTH`` lengths with many points, the sums are computed at NODES x NODES
-# Chebyshev nodes and interpolated by a polynomial, with an error of less than NEGLIGIBLE of an
-# observation's error.
+# In a square with sides of ``SMOOTH`` lengths that contains many points, the sums are computed at
+# NODES x NODES Chebyshev nodes and interpolated by a polynomial, with an error of less than
+# NEGLIGIBLE times an observation's error.
 NODES, SMOOTH = 10, 1.0
 PLACES = -np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
 TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
@@ -33,15 +33,15 @@ SERIES = tuple(math.exp(-MIDDLE) * (-1.0) ** k / math.factorial(k) for k in rang
 
 
 class PaperCorrected:
-    """A fire that is corrected with observations (n, 4), with weights that depend on distance.
+    """A fire corrected with observations (n, 4), with weights that depend on distance.
 
     The columns of the observations are x, y, at_s and state. An observation has an effect within
     about ``length_m``.
 
-    A burned or unburned observation that agrees with the simulation has no weight. At a place that
-    the simulated fire never reaches, no arrival time can be corrected. Such a place burns from the
-    time of the earliest burned or burning observation within ``length_m``, if the simulated fire
-    never reaches the position of that observation either.
+    A burned or unburned observation that agrees with the simulation has no weight. A place that the
+    simulated fire never reaches has no arrival time to correct. Such a place burns from the time of
+    the earliest burned or burning observation within ``length_m``, if the simulated fire never
+    reaches the position of that observation either.
     """
 
     def __init__(self, fire: Simulation, observations: Floats, length_m: float) -> None:

@@ -14,7 +14,7 @@ from firemodel.arrays import Floats, Mask, Place, bounds_of
 from firemodel.assimilation.perimeter_rates import FrontRates, Segments
 from firemodel.errors import FireModelError
 
-TIME_LOG_SD = 0.7  # standard deviation of ln of the time in which a member reaches a cell
+TIME_LOG_SD = 0.7  # standard deviation of ln of the time that a member takes to reach a cell
 
 
 Cells = NDArray[np.intp]
@@ -36,10 +36,10 @@ class LearnedFront(NamedTuple):
 
 @dataclass(frozen=True)
 class Forecast:
-    """The forecast of an estimate that is based on the observations until ``at_s``.
+    """The forecast of an estimate, based on the observations up to ``at_s``.
 
-    ``burned`` (y, x) are the cells that were observed as burned or have probably burned by
-    ``at_s``. ``front`` is None if the rates of the front are not known from mapped perimeters.
+    ``burned`` (y, x) is the mask of the cells that were observed as burned or have probably burned
+    by ``at_s``. ``front`` is None if the rates of the front are not known from mapped perimeters.
     """
 
     at_s: float
@@ -50,9 +50,9 @@ class Forecast:
     front: LearnedFront | None
 
     def burn_probability(self, at_s: float) -> Floats:
-        """Return the probability (y, x) that each cell has burned by a time.
+        """Return the probability (y, x) that each cell has burned by the given time.
 
-        Raises FireModelError for a time that is not from ``at_s`` to ``until_s``.
+        Raises FireModelError for a time before ``at_s`` or after ``until_s``.
         """
         if not self.at_s <= at_s <= self.until_s:
             raise FireModelError(
@@ -61,18 +61,19 @@ class Forecast:
         return self._share(at_s) if self.front is None else self._by_rates(self.front, at_s)
 
     def likely_burned(self, at_s: float) -> Mask:
-        """Return the area (y, x) with the largest expected intersection over union at a time."""
+        """Return the area (y, x) with the largest expected intersection over union at this time."""
         return likely_area(self.burn_probability(at_s))
 
     def at_places(self, places: Sequence[Cells]) -> "Forecast":
-        """Return the forecast of the fire's arrival at places, on a grid of one row.
+        """Return the forecast of the fire's arrival at the given places, on a grid with one row.
 
         Args:
-            places: The cells of each of n places, at least one, as flat indices of the grid (y, x).
+            places: For each of n places, one or more cells as flat indices of the grid (y, x).
 
         Returns:
-            A forecast on the grid (1, n). A place burns when the first of its cells burns; it
-            belongs to the part of the front that leads to the cell that a member reaches first.
+            A forecast on the grid (1, n). A place burns when the first of its cells burns. It is
+            assigned to the segment of the front whose ground contains the cell that a member
+            reaches first.
         """
         if not places:
             return replace(self, burned=np.zeros((1, 0), dtype=bool), members=[], front=None)
@@ -104,8 +105,8 @@ class Forecast:
                 computed; between them it is interpolated linearly.
 
         Returns:
-            Times from the first of ``times_s`` on; infinity where the probability is smaller than
-            the share at all of them.
+            Times, at the earliest the first of ``times_s``; infinity where the probability stays
+            below the share.
         """
         found = np.full((len(shares), *self.burned.shape), np.inf)
         before, before_s = np.zeros(self.burned.shape), times_s[0]
@@ -121,8 +122,8 @@ class Forecast:
     def travel_s(self) -> Floats:
         """Return the modelled time (y, x) from ``at_s`` to arrival: the members' geometric mean.
 
-        For a member that does not reach a cell, the longest simulated time is used. Cells that no
-        member reaches have infinity.
+        For a member that does not reach a cell, the longest simulated time is used. The result is
+        infinity in cells that no member reaches.
         """
         longest_s = max(self.simulated_until_s - self.at_s, 1.0)
         total = np.full(self.burned.shape, len(self.members) * math.log(longest_s))
@@ -151,8 +152,8 @@ class Forecast:
     def _share(self, at_s: float) -> Floats:
         """Return the mean burn probability (y, x) of the members, with the error ``TIME_LOG_SD``.
 
-        This error of the travel times represents local spread rates, which are not in the members'
-        inputs.
+        This error in the travel times represents local variations in the spread rate, which are not
+        in the members' inputs.
         """
         total = np.zeros(self.burned.shape)
         for member in self.members:
@@ -184,7 +185,7 @@ class Forecast:
 def likely_area(probability: Floats) -> Mask:
     """Return the area (y, x) with the largest expected intersection over union.
 
-    ``probability`` (y, x) is the probability that a cell has burned.
+    ``probability`` (y, x) is the probability that each cell has burned.
     """
     falling = np.sort(probability[probability > 0.0])[::-1]
     if not falling.size:
@@ -195,6 +196,6 @@ def likely_area(probability: Floats) -> Mask:
 
 
 def arrivals_of(arrival_s: Floats) -> Arrivals:
-    """Return the arrival times (y, x) in the smallest window with all burned cells."""
+    """Return the arrival times (y, x) in the smallest window that contains all burned cells."""
     here = bounds_of(np.isfinite(arrival_s))
     return Arrivals(here, arrival_s[here].astype(np.float32))

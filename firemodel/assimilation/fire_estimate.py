@@ -1,4 +1,4 @@
-"""Estimate a fire with an ensemble of simulated fires that are corrected with observations.
+"""Estimate a fire with an ensemble of simulated fires, corrected with observations.
 
 The method depends on the kind of observation:
 
@@ -6,7 +6,7 @@ The method depends on the kind of observation:
   spread rates and fire. First, wind and spread rates are updated (``member_inputs``) from the
   differences between observed and simulated burned areas in blocks of the window. Then the observed
   cells replace the member's fire in the window. Cells that stay unburned although fire reaches them
-  in most members are barriers in forecasts (``held_cells``).
+  in most members are treated as barriers in forecasts (``held_cells``).
 - A mapped perimeter shows the whole fire, which all members then share. The spread observed since
   the previous perimeter gives a rate for each part of the front (``perimeter_rates``), because wind
   and fuel do not explain where a real fire stops. Members then differ only in their inputs.
@@ -46,10 +46,10 @@ from firemodel.spread.burning import burning_from_arrival, burning_from_perimete
 from firemodel.spread.fire_scheme import Burning, Closing, Ignition
 
 BARRIER = 99  # fuel code of held cells
-MODEL_ERROR_M = 25.0  # standard deviation of distances caused by local errors of the fuel map
+MODEL_ERROR_M = 25.0  # standard deviation of distances caused by local errors in the fuel map
 MODEL_ERROR_SHARE = 0.25  # further standard deviation, as a fraction of the distance
-REPEATED = 2.0  # factor of the variance, because neighbouring blocks have common errors
-SHRUNK_ERRORS = 6.0  # burned ground beyond this many sd outside a later perimeter stays burned
+REPEATED = 2.0  # factor of the variance, because neighbouring blocks share errors
+SHRUNK_ERRORS = 6.0  # burned ground more than this many sd outside a later perimeter stays burned
 MIN_KEPT = 0.5  # fraction of the burned area that a later perimeter must contain
 # Travel times are simulated up to these multiples of the length of the forecast, the second if the
 # forecast is longer than ``LONG_S``.
@@ -59,7 +59,7 @@ REACH_CAMERA = 2.0
 
 @dataclass(frozen=True, slots=True)
 class EstimateSettings:
-    """The ensemble of an estimate; equal settings and observations give equal estimates."""
+    """The ensemble of an estimate; identical settings and observations give identical estimates."""
 
     members: int = 40
     seed: int = 0
@@ -68,7 +68,7 @@ class EstimateSettings:
 
 
 class FireEstimate:
-    """An ensemble of fires that is corrected with observations in the order of time."""
+    """An ensemble of fires that is corrected with observations in chronological order."""
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class FireEstimate:
                 estimate begins with the first mapped perimeter.
             settings: The ensemble.
             burning: A known initial fire, if there is one.
-            closings: Cells that cannot burn from a time on (``control_lines``).
+            closings: Cells that cannot burn from a given time on (``control_lines``).
             scheme_settings: Settings of AnyAngleFire, such as ``wind_limit`` or ``crown``.
 
         Raises:
@@ -101,7 +101,7 @@ class FireEstimate:
             raise FireModelError(f"members = {own.members}: an estimate needs at least 2")
         self.landscape, self.weather, self.time_s = landscape, weather, 0.0
         self._scheme_settings, self._closings = scheme_settings, tuple(closings)
-        self.model = self._unlit(landscape)  # the members start from it
+        self.model = self._unlit(landscape)  # the members start from this fire
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._rng = np.random.default_rng((own.seed, 1))
         fuels = len(landscape.burnable_codes)
@@ -144,7 +144,7 @@ class FireEstimate:
         return found
 
     def light(self, cells: Sequence[tuple[int, int]], at_s: float, each: Each = map) -> None:
-        """Light cells (row, column) in all members at a time, which may be in the past.
+        """Light cells (row, column) in all members at a given time, which may be in the past.
 
         Raises FireModelError if there is no fire yet and a cell cannot burn.
         """
@@ -161,9 +161,9 @@ class FireEstimate:
         ]
 
     def set_weather(self, weather: WeatherStream, at_s: float, each: Each = map) -> None:
-        """Use a new weather report from a time on.
+        """Use a new weather report from a given time on.
 
-        The mean of the estimated errors of the earlier wind is discarded; the differences between
+        The mean of the estimated errors in the earlier wind is discarded; the differences between
         the members' winds are kept.
         """
         if self.begun:
@@ -190,10 +190,9 @@ class FireEstimate:
         return np.asarray(share >= 0.5)
 
     def advance(self, to_time_s: float, each: Each = map) -> None:
-        """Advance all members to a time.
+        """Advance all members to the given time.
 
-        After a mapped perimeter, members are advanced only when the observation of a camera
-        requires an advance.
+        After a mapped perimeter, members are advanced only when a camera observation requires it.
         """
         if to_time_s < self.time_s:
             raise FireModelError(f"the estimate is at {self.time_s} s, after {to_time_s} s")
@@ -220,7 +219,7 @@ class FireEstimate:
         self._see(observation, each)
 
     def forecast(self, until_s: float, each: Each = map) -> Forecast:
-        """Return the forecast from ``time_s`` until a time; the estimate does not change."""
+        """Return the forecast from ``time_s`` to ``until_s``; the estimate does not change."""
         known = self._forecast
         if known is None or known.until_s < until_s:
             self._forecast = self._new_forecast(max(until_s, self.time_s), each)
@@ -248,9 +247,9 @@ class FireEstimate:
         return Forecast(*span, burned, members, front)
 
     def _burned_until(self, to_time_s: float, model: AnyAngleFire, each: Each) -> list[MemberFire]:
-        """Return the fire of each member, simulated until a time.
+        """Return each member's fire, simulated until the given time.
 
-        ``model`` may have other fuels than the landscape.
+        The fuels of ``model`` may differ from those of the landscape.
         """
         reported = self.weather.weather_at(self.time_s)
         known = self.landscape.burnable_codes
@@ -372,7 +371,7 @@ class FireEstimate:
     def _remove_unseen_islands(self, arrival_s: Floats) -> Mask:
         """Remove burned areas without an observed burned cell, unless no area has such a cell.
 
-        ``arrival_s`` (y, x) is changed. Returns the mask (y, x) of the removed cells.
+        ``arrival_s`` (y, x) is modified in place. Returns the mask (y, x) of the removed cells.
         """
         burned = arrival_s <= self.time_s
         removed = np.zeros_like(burned)

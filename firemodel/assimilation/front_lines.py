@@ -1,11 +1,11 @@
 """Compute the fronts of the estimated fire, with their speed and the time since observation.
 
 A front is a closed line between burned and unburned ground. A fire has an outer front, and an inner
-front around each unburned island; spot fires have fronts of their own.
+front around each unburned island; spot fires have their own fronts.
 
-A part of a front was observed when a sighting (an image of a cell) showed the position of the front
-at that time. Since then the estimated front has moved on. Therefore the time since observation is
-that of the earlier position of the front. ``last_seen_s`` searches for this position in the ground
+A part of a front counts as observed at the time of a sighting (an image of a cell) that showed the
+front's position at that time. The estimated front has since moved on, so the time since observation
+is that of the front's earlier position. ``last_seen_s`` searches for this position on the ground
 ``behind`` the front.
 """
 
@@ -25,7 +25,7 @@ from firemodel.spread.fire_scheme import Fire
 MAX_POINTS = 600  # maximum number of points of all fronts; gives a journal line of about 20 kB
 MIN_SPACING_CELLS = 1.0
 MIN_LENGTH_CELLS = 4.0  # shorter fronts, such as islands of one cell, are omitted
-GROUP_CELLS = 8  # parts of a front in a square of this size are one measurement
+GROUP_CELLS = 8  # parts of a front in a square of this size form one measurement
 BACK_CELLS = 60  # distance behind the front up to which its earlier positions are searched
 BESIDE = 1  # a sighting within this many positions of the front at that time shows the front
 
@@ -42,7 +42,7 @@ class FrontLine(NamedTuple):
 
 
 def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[FrontLine]:
-    """Return the fronts of a fire at its current time, the longest first.
+    """Return the fronts of a fire at its current time, longest first.
 
     Args:
         fire: The estimated fire.
@@ -73,7 +73,7 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
 def _loops(
     area: shapely.MultiPolygon, min_length_m: float
 ) -> list[tuple[shapely.LineString, bool]]:
-    """Return the boundary lines of an area, clockwise on the map, each with True if it is inner."""
+    """Return the boundary lines of an area, clockwise on the map, with True for inner lines."""
     loops = []
     for polygon in area.geoms:
         for inner, rings in ((False, [polygon.exterior]), (True, list(polygon.interiors))):
@@ -101,9 +101,9 @@ def _cells(places: Floats, count: int) -> NDArray[np.int64]:
 
 
 class Behind(NamedTuple):
-    """The ground behind a front, against its normals: (BACK_CELLS + 1, n) from one cell ahead on.
+    """The ground behind a front, against its normals: (BACK_CELLS + 1, n), from one cell ahead.
 
-    At the time t the front was at the first position behind the present front that had burned by t.
+    At time t the front was at the first position behind the present front that had burned by t.
     """
 
     burned_s: Floats  # the time from which this position or one nearer to the front has burned
@@ -132,7 +132,7 @@ def behind(
 def last_seen_s(ground: Behind) -> Floats:
     """Return the time (n) at which each part of a front was last observed; -infinity if never."""
     burned_s, seen_s = ground
-    # At the position BESIDE further back, and at the last position that is further ahead.
+    # The position BESIDE further back, and the nearest position more than BESIDE further ahead.
     further_s = np.pad(burned_s[BESIDE:], ((0, BESIDE), (0, 0)), mode="edge")
     nearer_s = np.pad(burned_s[: -BESIDE - 1], ((BESIDE + 1, 0), (0, 0)), constant_values=np.inf)
     shows = (further_s <= seen_s) & (seen_s < nearer_s)
@@ -143,14 +143,14 @@ def last_seen_s(ground: Behind) -> Floats:
 def _gaps_closed(found_s: Floats) -> Floats:
     """Return the times (n) along a closed line, with gaps of one or two parts closed.
 
-    Parts between two observed parts were in view, too; the ground behind them misses the images.
+    Parts between two observed parts were also in view; only the ground behind them was not imaged.
     """
     wide_s = np.maximum.reduce([np.roll(found_s, shift) for shift in (-1, 0, 1)])
     return np.asarray(np.minimum.reduce([np.roll(wide_s, shift) for shift in (-1, 0, 1)]))
 
 
 class FrontDistances(NamedTuple):
-    """The arguments of ``LearnedInputs.learn`` for parts of a front that came into view."""
+    """The arguments of ``LearnedInputs.learn`` for parts of a front that have come into view."""
 
     parts: FrontParts
     advance_cells: Floats

@@ -1,11 +1,11 @@
 """Correct a simulated fire with observations, by Gaussian-process regression along paths.
 
 An error in the rate of spread accumulates along the path from the source. Therefore the regression
-does not estimate arrival times but w, the logarithm of a factor of the slowness (time per
-distance). A path that takes t seconds in the simulation takes t · mean(exp w) in the corrected
+does not estimate arrival times but w, the logarithm of a factor that multiplies the slowness (time
+per distance). A path that takes t seconds in the simulation takes t · mean(exp w) in the corrected
 fire. An observation constrains w along the whole path from the ignition to the observed position
-and, by correlation, along the path beyond it. In the corrected fire no place burns before the
-ignition, and arrival times increase along each path.
+and, by correlation, along the path beyond it. In the corrected fire no place burns before ignition,
+and arrival times increase along each path.
 
 The unknowns are the rates and the wind of the simulation (``paths.AdjustableFire``), and a field of
 w over positions, which represents errors in fuel and terrain. All unknowns have Gaussian priors and
@@ -39,17 +39,18 @@ PLACE_SD_M = 6.0  # standard deviation of an observation's position
 TIME_SD_S = 15.0  # standard deviation of an observation's time
 MIN_S = 45.0  # lower limit of the time along a path; shorter times contain little information
 LOG_SD = 0.05  # standard deviation of ln of the observed time along a path
-UNEXPLAINED_SD = 0.1  # further sd of this logarithm: real fire spreads around slow places
+UNEXPLAINED_SD = 0.1  # further sd of this logarithm: real fires spread around slow places
 FIELD_SDS = (0.2, 0.3, 0.4)  # candidates for the prior sd of the field
-# Length scales of the field, as fractions of the diagonal of the box of observations and sources.
+# Length scales of the field, as fractions of the diagonal of the bounding box of observations and
+# sources.
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)
-MIN_M = 100.0  # lower limit of the diagonal of that box
+MIN_M = 100.0  # lower limit of that diagonal
 NODES = 32  # maximum number of nodes along the longer side of the field
 STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)  # number of steps; fractions of a step that are tried
 CHOSEN_AT = 1  # index of the step in which the prior of the field is chosen
-STEPS_NEAR = 2  # number of steps from the result of a similar correction
+STEPS_NEAR = 2  # number of steps when starting from the result of a similar correction
 GOOD_ENOUGH = 0.05  # the iteration ends below this gain in ln of the posterior density
-SMALL_RATE = 1e-3  # change of a rate for numerical derivatives
+SMALL_RATE = 1e-3  # change in a rate for numerical derivatives
 MAX_LOG = 2.5  # limit of |w| in the field
 TAIL = 4.0  # degrees of freedom of Student's t
 
@@ -57,7 +58,7 @@ EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 
 
 class _Prior(NamedTuple):
-    """The prior of the parameters (rates, then the field), as L z, where z has unit variance."""
+    """The prior of the parameters (rates, then field) as L z, where z has unit variance."""
 
     sd: float
     length_m: float
@@ -88,7 +89,7 @@ def _blas() -> ThreadpoolController:
 
 
 class _Evaluation(NamedTuple):
-    """The expected and the observed times along the paths, for given rates and a given field."""
+    """The expected and observed times along the paths, for given rates and a given field."""
 
     fire: AdjustableFire
     field: Field
@@ -99,10 +100,10 @@ class _Evaluation(NamedTuple):
 
 
 class GaussianCorrected:
-    """A fire that is corrected with observations (n, 4), and is unchanged without observations.
+    """A fire corrected with observations (n, 4); without observations it is unchanged.
 
     The columns of the observations are x, y, at_s and state. The computing time increases with n³,
-    which limits n to some hundreds. Observations at positions that the simulated fire never reaches
+    which limits n to a few hundred. Observations at positions that the simulated fire never reaches
     are ignored, because fire at such a position needs another source.
 
     ``near`` is an earlier correction of the same fire by nearly the same observations. If ``near``
@@ -291,7 +292,7 @@ def _same_place(one: Field, other: Field) -> bool:
 
 
 def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) -> Floats:
-    """Compute numerically the derivatives (n, k) of ln(time along each path) by each rate."""
+    """Return numerical derivatives (n, k) of ln(time along each path) with respect to each rate."""
     found = np.empty((len(points), len(fire.rates_sd)))
     before_s = np.maximum(paths.takes_s, 1.0)
     for number in range(found.shape[1]):
@@ -303,7 +304,7 @@ def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) ->
 
 
 def _empty_field(places: Floats) -> tuple[Field, float]:
-    """Return a field with w = 0 around places (k, 2), and the diagonal in m of the places' box."""
+    """Return a field with w = 0 around places (k, 2), and the diagonal in m of their extent."""
     low, high = places.min(axis=0), places.max(axis=0)
     diagonal_m = max(float(np.hypot(*(high - low))), MIN_M)
     margin_m = 2.0 * LENGTHS[1] * diagonal_m

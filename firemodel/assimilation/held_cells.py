@@ -10,7 +10,7 @@ from firemodel.arrays import Floats, Mask, Place, widened
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
 HELD_S = 400.0  # a cell with at least this evidence counts as held in forecasts
-MAX_GAP_S = 1200.0  # a longer time between two sightings counts as this time
+MAX_GAP_S = 1200.0  # a longer time between two sightings counts as this long
 LIKELY = 0.15  # members agree with an unburned cell if a smaller fraction of them burned it
 FORGOTTEN_S = 600.0  # time in which evidence falls to 1/e while the members agree
 CLOSING_CELLS = 2  # gaps of up to twice this width in a held line are closed
@@ -62,7 +62,7 @@ class HeldCells:
 
 
 def ground_behind(held: Mask, front: Mask) -> Mask:
-    """Return the ground (y, x) that fire could reach only around a held part of the front.
+    """Return the ground (y, x) that fire could reach only by going around a held part of the front.
 
     If this ground did not count as held, a forecast fire would spread around the ends of a line of
     held cells and burn the ground that the line protects. A single held cell may be a slow patch of

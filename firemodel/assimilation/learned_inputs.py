@@ -1,13 +1,13 @@
-"""Learn the errors of wind and spread rates from the positions at which a front is observed.
+"""Learn the errors in wind and spread rates from the observed positions of a front.
 
-An extended Kalman filter estimates the error of the wind direction, the logarithm of a factor of
-the wind speed, and the logarithms of factors of the spread rate: of all fuels, of each fuel, and of
-each block of cells. A block stands for a local error of the fuel map or of the terrain. When a part
-of the front comes into view after an advance of A out of view, the distance between the observed
-and the estimated front is A times the relative error of the estimated speed. The sensitivity of
-that speed to the inputs comes from the spread model at this part of the front. The error is
-therefore attributed to the inputs on which the speed depends there, and changes the speed of all
-other parts accordingly.
+An extended Kalman filter estimates the error in the wind direction, the logarithm of a factor of
+the wind speed, and the logarithms of factors of the spread rate: one for all fuels, one for each
+fuel, and one for each block of cells. A block represents a local error in the fuel map or the
+terrain. When a part of the front comes into view after advancing by A out of view, the distance
+between the observed and the estimated front is A times the relative error in the estimated speed.
+The sensitivity of that speed to the inputs comes from the spread model at this part of the front.
+The error is therefore attributed to the inputs on which the speed depends there, and changes the
+speed of all other parts accordingly.
 
 Reference: A. H. Jazwinski, Stochastic Processes and Filtering Theory, 1970 (extended Kalman
 filter).
@@ -29,19 +29,19 @@ from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 Integers = NDArray[np.int64]
 
-# Standard deviations of the inputs before the first observation, and of their random walk in an
+# Standard deviations of the inputs before the first observation, and of their random walk over one
 # hour: rate of all fuels, wind speed (logarithms), wind direction (rad), rate of one fuel, rate in
 # a block.
 PRIOR = (0.3, 0.3, 0.35, 0.3, 0.5)
 DRIFT_HOUR = (0.1, 0.2, 0.25, 0.0, 0.2)
 BLOCK_CELLS, MAX_BLOCKS = 8, 20  # smallest side of a block; largest number of blocks along the grid
-ALIKE_CELLS = 8.0  # correlation length of the errors of blocks
-# Error of a distance between an estimated and an observed front: the positions of both fronts, and
-# the position at which the front was last observed, are known with an error of about a cell. With a
+ALIKE_CELLS = 8.0  # correlation length of the blocks' errors
+# Error in a distance between an estimated and an observed front: the positions of both fronts, and
+# the position at which the front was last observed, are known to within about a cell. With a
 # smaller value, the filter would learn from this noise.
 POSITION_SD_CELLS = 1.4
 MODEL_ERROR = 0.2  # error of an advance for other reasons, as a fraction of the advance
-MIN_ADVANCE_CELLS = 0.3  # after a shorter advance nothing is learned
+MIN_ADVANCE_CELLS = 0.3  # nothing is learned from a shorter advance
 MAX_STEP_SD = 3.0  # larger differences count as this many standard deviations
 MIN_RATE, MAX_RATE = 0.1, 10.0
 LARGER, TURNED_RAD = 1.1, math.radians(10.0)  # changes of the wind to compute sensitivities
@@ -80,7 +80,7 @@ class LearnedInputs:
         self._rates: tuple[WeatherStream, FrontRates] | None = None
 
     def _covariance(self, sds: tuple[float, ...]) -> Floats:
-        """Return the covariance for standard deviations; errors of nearby blocks are correlated."""
+        """Return the covariance for these ``sds``; errors of nearby blocks are correlated."""
         fuels, blocks = self._codes.size, math.prod(self._blocks)
         found = np.zeros((FIRST_FUEL + fuels + blocks,) * 2)
         np.fill_diagonal(
@@ -100,7 +100,7 @@ class LearnedInputs:
         return {**vars(self), "_rates": None}
 
     def forget_wind(self) -> None:
-        """Discard the errors of the wind, after a new report of the wind."""
+        """Discard the wind errors after a new wind report."""
         for place, sd in ((SPEED, PRIOR[1]), (TURN, PRIOR[2])):
             self.state[place] = 0.0
             self.covariance[place], self.covariance[:, place] = 0.0, 0.0
@@ -144,7 +144,7 @@ class LearnedInputs:
         return places, found
 
     def _block_places(self, parts: FrontParts) -> Integers:
-        """Return the index (n) in the state of the block of each part."""
+        """Return the index (n) in the state of each part's block."""
         block = parts.rows // self._side * self._blocks[1] + parts.cols // self._side
         return np.asarray(FIRST_FUEL + self._codes.size + block)
 
@@ -189,13 +189,13 @@ class LearnedInputs:
         weather: WeatherStream,
         at_s: float,
     ) -> None:
-        """Update the inputs from parts of the front that came into view.
+        """Update the inputs from parts of the front that have come into view.
 
         Args:
             parts: The parts of the estimated front.
             advance_cells: (n) the estimated advance of the parts since they were last in view.
             ahead_cells: (n) the distance of the observed front ahead of the estimated front.
-            groups: (n) parts with the same number are one measurement.
+            groups: (n) parts with the same number form one measurement.
             weather: The reported weather.
             at_s: The time of the observation.
         """

@@ -1,4 +1,4 @@
-"""Store the fire of an ensemble's member, and the arrival times that images have changed."""
+"""Store the fire of an ensemble member, and the arrival times that images have changed."""
 
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ from firemodel.spread.anyangle import AnyAngleFire
 class MemberFire(NamedTuple):
     """The fire of one member at the time of the estimate.
 
-    An image changes only ``arrival_s``. The changes are written into ``fire`` before its next
-    advance.
+    An image changes only ``arrival_s``. The changes are written into ``fire`` before it next
+    advances.
     """
 
     fire: AnyAngleFire
@@ -20,12 +20,12 @@ class MemberFire(NamedTuple):
     changed: Mask | None = None  # (y, x) cells whose times differ from those of the fire
 
     def with_times(self, arrival_s: Floats, changed: Mask) -> "MemberFire":
-        """Return this fire with new arrival times (y, x), different in the cells ``changed``."""
+        """Return this fire with new arrival times (y, x), which differ in the cells ``changed``."""
         before = self.changed
         return MemberFire(self.fire, arrival_s, changed if before is None else changed | before)
 
     def burns(self, at_s: float) -> bool:
-        """Return True if some cells have burned by a time, but not all."""
+        """Return True if some cells, but not all, have burned by the given time."""
         burned = self.arrival_s <= at_s
         return bool(burned.any() and not burned.all())
 

@@ -1,9 +1,9 @@
 """Draw and update the uncertain inputs of an ensemble's members: wind and spread rates.
 
 A member's inputs are a vector in m/s that is added to the reported wind, and the logarithm of a
-factor of the spread rate in each fuel. A wind vector (true east, true north) has the direction from
-which the wind blows. The ensemble Kalman filter (Evensen 1994; with perturbed observations, Burgers
-et al. 1998) updates these inputs from observations.
+factor of the spread rate in each fuel. A wind vector (true east, true north) points in the
+direction from which the wind blows. The ensemble Kalman filter (Evensen 1994; with perturbed
+observations, Burgers et al. 1998) updates these inputs from observations.
 """
 
 import math
@@ -16,7 +16,7 @@ from firemodel.ensemble.draws import Draw
 from firemodel.physics.weather import Weather
 
 MIN_WIND_M_S = 0.1  # lower limit of the reported wind, by which members' winds are divided
-MAX_LOG_RATE = 2.0  # limit of ln of a factor of the spread rate (7.4)
+MAX_LOG_RATE = 2.0  # limit of ln of a spread-rate factor (7.4)
 MAX_WIND_OFFSET_M_S = 15.0
 # Standard deviations of the random changes of the inputs in one hour. These changes represent a
 # changing wind and keep the members different.
@@ -49,17 +49,16 @@ def speed_m_s(reported: Weather) -> float:
 
 
 def wind_vector(wind_m_s: float, from_deg: float) -> Floats:
-    """Return the vector (east, north) in m/s towards the direction from which the wind blows."""
+    """Return the vector (east, north) in m/s that points in the direction the wind comes from."""
     from_rad = math.radians(from_deg)
     return wind_m_s * np.array([math.sin(from_rad), math.cos(from_rad)])
 
 
 def members_of(draws: list[Draw], reported: Weather) -> Members:
-    """Return the members for draws of the errors, in the reported weather.
+    """Return the members for the drawn errors, in the reported weather.
 
-    The factor of the moisture becomes a factor of the spread rate: if the moisture of dead fuel
-    rises by a small fraction, rates fall by about the same fraction (Rothermel 1972, for moistures
-    of 5 to 10 %).
+    The moisture factor becomes a spread-rate factor: if the moisture of dead fuel rises by a small
+    fraction, rates fall by about the same fraction (Rothermel 1972, for moistures of 5 to 10 %).
     """
     wind, rates = [], []
     for draw in draws:
@@ -80,7 +79,7 @@ def updated(
         members: The members before the update.
         excess_m: (members, observations) the distance in m of each member's front ahead of the
             observed front.
-        error_sd_m: (observations) the standard deviations of the errors of these distances.
+        error_sd_m: (observations) the standard deviations of the errors in these distances.
         rng: The random generator.
     """
     inputs = np.hstack([members.wind_m_s, members.log_rate])
@@ -103,7 +102,7 @@ def walked(members: Members, for_s: float, rng: np.random.Generator) -> Members:
 
 
 def bounded(members: Members) -> Members:
-    """Return the members with inputs within their bounds."""
+    """Return the members with their inputs limited to the bounds."""
     return Members(
         np.clip(members.wind_m_s, -MAX_WIND_OFFSET_M_S, MAX_WIND_OFFSET_M_S),
         np.clip(members.log_rate, -MAX_LOG_RATE, MAX_LOG_RATE),

@@ -12,9 +12,9 @@ from firemodel.landscape.rasterise import mask_of
 UNSEEN, UNBURNED, BURNED = 0, 1, 2
 FILTER_CELLS = 3  # side of the window of the majority filter
 MIN_SEEN = 6
-# From this fraction of false alarms on, single wrong cells often pass the filter. A burned cell
-# then also needs burned cells in a window of 5 x 5, unless clearly most cells in its own window are
-# burned.
+# At this fraction of false alarms or above, single wrong cells often pass the filter. A burned cell
+# then also needs burned cells in a window of 5 x 5, unless a clear majority of the cells in its own
+# window is burned.
 NOISY, CLEARLY, WIDER_CELLS, MIN_AROUND = 0.05, 7, 5, 5
 
 
@@ -33,7 +33,7 @@ class Observation(NamedTuple):
 
     @property
     def where(self) -> Place:
-        """The window as an index of arrays of the landscape's grid."""
+        """The window as an index into arrays on the landscape's grid."""
         return window_at(self.top, self.left, self.state.shape)
 
 
@@ -55,13 +55,13 @@ def mapped_perimeter(
 
 
 def despeckled(observation: Observation) -> NDArray[np.uint8]:
-    """Return the states (y, x); a majority filter is applied if the image may have wrong cells.
+    """Return the states (y, x); a majority filter is applied if the image may contain wrong cells.
 
     The filter sets each seen cell to the state of most of the seen cells in a window of 3 x 3. A
     cell with fewer than ``MIN_SEEN`` seen cells in its window becomes unseen, because at the edge
-    of an image two or three wrong cells could be the majority. From ``NOISY`` false alarms on, a
-    cell with fewer than ``CLEARLY`` burned cells in its window needs ``MIN_AROUND`` burned cells
-    around this window to be burned.
+    of an image two or three wrong cells could be the majority. At a fraction of ``NOISY`` false
+    alarms or above, a cell with fewer than ``CLEARLY`` burned cells in its window needs
+    ``MIN_AROUND`` burned cells around this window to be burned.
     """
     state = observation.state
     if not (observation.missed or observation.false_alarms):

@@ -1,12 +1,12 @@
 """Compute, from mapped perimeters, the ratio of real to modelled spread at each part of a front.
 
 The part of the landscape nearest to a segment of the front is the segment's ground. The ratio
-between two perimeters is the time in which the model burns as much of that ground as really burned,
-divided by the length of the interval. The logarithm of the ratio is modelled as a Gaussian process
-over position, direction of spread and time. The mean of the process falls with the length of the
-forecast and with the age of the fire. A segment that does not move although the model expects a
-movement is *held*. The probability that the segment is held again is computed from the counts of
-held segments near the segment and along the whole front.
+between two perimeters is the time in which the model burns as much of that ground as actually
+burned, divided by the length of the interval. The logarithm of the ratio is modelled as a Gaussian
+process over position, direction of spread and time. The mean of the process falls with the length
+of the forecast and with the age of the fire. A segment that does not move although the model
+predicts movement is *held*. The probability that the segment is held again is computed from the
+counts of held segments near the segment and along the whole front.
 """
 
 import math
@@ -39,8 +39,8 @@ class RatePrior:
     """
 
     log_mean: float = -0.8
-    fall_with_length: float = 0.35  # change of the mean per ln of the length
-    fall_with_age: float = 0.24  # change of the mean per ln of the age in hours
+    fall_with_length: float = 0.35  # change in the mean per ln of the length
+    fall_with_age: float = 0.24  # change in the mean per ln of the age in hours
     common_sd: float = 0.34  # common to the whole front
     common_fades_h: float = 12.0
     direction_sd: float = 0.2
@@ -175,8 +175,8 @@ class FrontRates:
 
         Args:
             segments: The segments of the front at the start of the interval.
-            travel_s: (y, x) the modelled time from the front at the start to each cell, infinity if
-                unknown.
+            travel_s: (y, x) the modelled travel time from the initial front to each cell; infinity
+                if unknown.
             burned: (y, x) the cells that have burned by the end of the interval.
             interval: The start and the end of the interval in s.
             map_error_m: The error of the mapping in m; a front that moved by less than this error

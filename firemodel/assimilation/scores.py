@@ -27,7 +27,7 @@ def critical_success(before: Mask, forecast: Mask, observed: Mask) -> float | No
 
 
 def mean_distance_m(found: Any, true: Any) -> float:
-    """Return the mean distance in m from points on the true outline to the found outline.
+    """Return the mean distance in m from points on the true outline to the estimated outline.
 
     Both are shapely areas in one projected CRS. The measure is that of Beachly et al. 2018 for
     corrected fronts.
@@ -45,7 +45,7 @@ def _outline(area: Any) -> Floats:
 def coverage(probability: Floats, observed: Mask) -> float | None:
     """Return the fraction of the observed front where the forecast probability is 10 to 90 %.
 
-    The front consists of the common sides of burned and unburned cells. A side counts if the
+    The front consists of the sides that burned and unburned cells share. A side counts if the
     forecast probability is at least 10 % in its burned cell and at most 90 % in its unburned cell.
 
     Args:
@@ -53,7 +53,7 @@ def coverage(probability: Floats, observed: Mask) -> float | None:
         observed: (y, x) the burned cells.
 
     Returns:
-        The fraction, or None without a front.
+        The fraction, or None if there is no front.
     """
     inside = total = 0
     for axis in (0, 1):
@@ -72,7 +72,7 @@ def crps_s(probabilities: list[Floats], observed: list[Mask], times_s: Floats) -
 
     The score is the integral over time of the squared error of the probability that a cell has
     burned (Hersbach 2000), summed over all cells and divided by the number of cells that have
-    burned at the last time.
+    burned by the last time.
 
     Args:
         probabilities: The forecast probabilities (y, x) at each time.

@@ -1,4 +1,4 @@
-"""Find the cells that an estimated fire can have reached only across ground seen as unburned."""
+"""Find cells that an estimated fire can have reached only across ground observed as unburned."""
 
 import numpy as np
 
@@ -15,9 +15,9 @@ def unfounded_cells(
     """Return the burned cells (y, x) that the fire can have reached only across removed cells.
 
     If an image shows unburned ground where the estimated fire had burned, the real fire has not
-    passed this ground, and has not reached cells behind this ground on a path across it. The result
+    crossed this ground, and has not reached cells behind it along a path across it. The result
     contains cells whose straight path from their source crosses removed cells or cells found
-    earlier, and burned regions next to removed cells in which no fire was lit or observed.
+    earlier, and burned regions that adjoin removed cells and in which no fire was lit or observed.
 
     Args:
         arrival_s: (y, x) arrival times; infinity in unburned cells.
@@ -52,7 +52,7 @@ def _isolated(burned: Mask, removed: Mask, founded: Mask) -> Mask:
 
 @compiled
 def _spread(order, confirmed, vectors, found):  # type: ignore[no-untyped-def]
-    """Add the cells with a path across found cells to ``found`` (y, x), in order of arrival."""
+    """Add the cells whose path crosses found cells to ``found`` (y, x), in order of arrival."""
     rows, cols = found.shape
     for place in order:
         row, col = place // cols, place % cols

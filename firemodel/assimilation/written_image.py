@@ -8,8 +8,8 @@ from firemodel.assimilation.camera_window import signed_distance_m
 from firemodel.assimilation.observation import BURNED, UNSEEN
 
 # Assumed spread rate near an observed front until the fire advances. The value is the rate of slow
-# parts of a front; a higher value would move the members of an ensemble too far, so that the
-# estimated rates become too low.
+# parts of a front; a higher value would move the members of an ensemble too far, and the estimated
+# rates would become too low.
 WRITE_M_S = 0.05
 WRITE_WITHIN_M = 60.0  # distance from the observed front up to which times are written
 
@@ -57,5 +57,5 @@ def with_image(
 
 
 def _margin_cells(cell_m: float) -> int:
-    """Return the margin in cells in which the distances to an image's front are needed."""
+    """Return the width in cells of the margin in which distances to an image's front are needed."""
     return int(np.ceil(WRITE_WITHIN_M / cell_m)) + 1

@@ -1,14 +1,14 @@
 """Compute, in closed form, the arrival times of a fire that grows as ellipses from points.
 
-The model is that of section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories and
-Ignitions"), with corrections to eqs. 1 and 2. With the spread rates ``head``, ``back`` and
+The model is taken from section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories
+and Ignitions"), with corrections to eqs. 1 and 2. With the spread rates ``head``, ``back`` and
 ``flank``, the ellipse of a point ignition extends after a time t from ``-back t`` to ``head t``
 along the wind and ``flank t`` to each side. Fuel, moisture and wind are the same everywhere and the
 ground is level. An ignition line is represented by a series of points (``line_ignitions``).
 
 If the wind changes, each point of the front starts its own ellipse (Huygens). The burned area is
 then the Minkowski sum of the ellipses of all wind periods. A point at the vector d from the source
-is inside the burned area as soon as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the
+lies inside the burned area as soon as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the
 elapsed part of wind period i, and h_i the support function of the ellipse in this period. The
 arrival time is therefore the maximum over n of the time at which both sides are equal. That time
 has a closed form and, as a function of n, only one maximum (``ellipse_kernels.reach``).
@@ -30,7 +30,7 @@ from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
 from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 
 TILE = 64  # average number of points in a tile
-DIRECTIONS = 12  # number of directions in which the distance covered by fire is bounded
+DIRECTIONS = 12  # number of directions in which the distance that fire covers is bounded
 
 Places = NDArray[np.int32]
 
@@ -56,8 +56,8 @@ def spreads_of(
 
     As in section IV of Beachly et al., the back and the flanks spread at the no-wind rate. The wind
     at 20 ft is reduced to midflame height for unsheltered fuel. ``grid_deg`` converts a direction
-    from true north to grid north (``Landscape.grid_deg``); by default true north and grid north are
-    the same. Raises FireModelError for an unknown fuel.
+    from true north to grid north (``Landscape.grid_deg``); by default the two are assumed to be the
+    same. Raises FireModelError for an unknown fuel.
     """
     if fuel not in FUEL_MODELS:
         raise FireModelError(
@@ -79,8 +79,8 @@ def spreads_of(
 class EllipseFire:
     """A fire that spreads from point ignitions, with the rates in ``spreads``.
 
-    The ignitions are ``sources`` (m, 3): x, y, at_s; there may be none. The first element of
-    ``spreads`` also applies before its ``from_s``. A source lit inside the burned area has no
+    The ignitions are ``sources`` (m, 3), given as x, y, at_s; there may be none. The first element
+    of ``spreads`` also applies before its ``from_s``. A source lit inside the burned area has no
     effect.
     """
 
@@ -204,7 +204,7 @@ def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
 
 
 def _in_order(found: Any, tiles: Tiles) -> Any:
-    """Return values in the order of the points from values in the order of the tiles."""
+    """Reorder values from the order of the tiles to the order of the points."""
     given = np.empty_like(found)
     given[tiles.order] = found
     return given
@@ -216,7 +216,7 @@ def _plane(spread: Spread) -> tuple[Floats, float]:
     The position (x, y) is relative to the source.
 
     This time is the solution t of (p - c t)² / a² + q² / b² = t², where p is the distance along the
-    wind and q the distance across the wind.
+    wind and q the distance across it.
     """
     a, b = (spread.head_m_s + spread.back_m_s) / 2.0, spread.flank_m_s
     e = (spread.head_m_s - spread.back_m_s) / (2.0 * a)

@@ -1,9 +1,9 @@
 """Compute the arrival time from one source, and the earliest over all sources, for ``ellipse``.
 
-For each point, only those sources are compared whose fire may arrive first somewhere in the point's
-tile. At each level of the quadtree (``tiles``), the sources of a square are selected from the
-sources of its parent square. A source is dropped if the earliest arrival of its fire in the square
-is after the latest arrival of the fire of another source there.
+For each point, only the sources whose fire may arrive first somewhere in the point's tile are
+compared. At each level of the quadtree (``tiles``), the sources of a square are selected from the
+sources of its parent square. A source is dropped if its fire's earliest arrival in the square is
+later than the latest arrival there of another source's fire.
 """
 
 import math
@@ -23,24 +23,24 @@ SLACK = 1e-9  # a source is kept if its relative delay behind another source is 
 
 
 class Bounds(NamedTuple):
-    """The upper bounds of the distance that fire covers in each of k directions.
+    """Upper bounds on the distance that fire covers in each of k directions.
 
-    A reference fire that begins with the first period has covered ``begins_m`` (periods, k) at the
-    beginning of each period. The fire of a source is always ``lit_m`` (sources, k) behind the
-    reference fire.
+    A reference fire that starts with the first period has covered ``begins_m`` (periods, k) at the
+    start of each period. A source's fire is always ``lit_m`` (sources, k) behind the reference
+    fire.
     """
 
     normals: Floats  # (k, 2)
     speeds: Floats  # (periods, k) m/s
     begins_m: Floats
     lit_m: Floats
-    limit_m: Floats  # (k) work array: distance of the reference fire at a time limit
+    limit_m: Floats  # (k) work array: distance covered by the reference fire by a time limit
     last: NDArray[np.int64]  # (sources) work array: the direction that last excluded a source
 
 
 @kernel
 def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
-    """Return the centre (x, y) and the half sizes (x, y) of the box around a square's points."""
+    """Return the centre (x, y) and half-widths (x, y) of the box around a square's points."""
     box = tiles.boxes[first_of(level) + square]
     return (
         0.5 * (box[0] + box[1]),
@@ -58,8 +58,8 @@ def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
 def to_plane(points, origin, matrix, found):  # type: ignore[no-untyped-def]
     """Write the product of (p - origin) and ``matrix`` into ``found``, for each point p.
 
-    Returns the index of the first point that is not finite; if all are finite, the number of
-    points.
+    Returns the index of the first point that is not finite, or the number of points if all are
+    finite.
     """
     for k in range(points.shape[0]):
         x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
@@ -72,7 +72,7 @@ def to_plane(points, origin, matrix, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def _keep_steady(level, square, sources, e, tiles, kept, counts, earliest):  # type: ignore[no-untyped-def]
-    """Keep the sources of the parent square (level - 1) whose fire may arrive first in a square."""
+    """Keep the parent square's (level - 1) sources whose fire may arrive first in a square."""
     x, y, half_x, half_y = _box_of(level, square, tiles)
     latest = np.inf
     parent = max(level - 1, 0)
@@ -110,7 +110,7 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
             if at[level] != square:
                 at[level] = square
                 _keep_steady(level, square, sources, e, tiles, kept, counts, earliest)
-        # Slices, so that indices begin at 0 and the loop can be vectorised.
+        # Slices are used so that indices begin at 0 and the loop can be vectorised.
         xs, ys, times = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
         for k in range(counts[tiles.levels]):
             number = kept[tiles.levels, k]
@@ -146,7 +146,7 @@ def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """Return the least and the greatest of the values of u at which the periods' h(n) are minimal.
+    """Return the smallest and largest of the values of u that minimise the periods' h(n).
 
     The minimum of Σ τ h is between these two values of u.
     """
@@ -195,8 +195,8 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
     """Return the arrival time at d from a source, and the direction (nx, ny) that determines it.
 
     The source is lit at ``at_s``. Each u gives a lower bound on the time. If a bound is at or after
-    ``limit_s``, the search stops and returns that bound. On entry, (nx, ny) is a first guess of the
-    direction; (0, 0) means that there is none.
+    ``limit_s``, the search stops and returns that bound. On entry, (nx, ny) is an initial guess of
+    the direction; (0, 0) means that there is none.
     """
     if dx == 0.0 and dy == 0.0:
         return at_s, nx, ny
@@ -231,7 +231,7 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
 
 @kernel
 def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type: ignore[no-untyped-def]
-    """Return the time of ``reach``; row ``number`` of ``normals`` is the first guess."""
+    """Return the time of ``reach``; row ``number`` of ``normals`` is the initial guess."""
     time, nx, ny = reach(
         x - source[0],
         y - source[1],
@@ -248,7 +248,7 @@ def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type:
 
 @kernel
 def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
-    """Set ``bounds.limit_m`` to the distances that the reference fire spreads by a time limit."""
+    """Set ``bounds.limit_m`` to the distances that the reference fire covers by the time limit."""
     period = table.shape[0] - 1
     while period > 0 and table[period, 0] > limit_s:
         period -= 1
@@ -260,7 +260,7 @@ def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
 
 @kernel
 def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
-    """Return True if the fire of a source certainly reaches a box only after the time limit.
+    """Return True if a source's fire is certain to reach a box only after the time limit.
 
     This is certain if, in at least one direction, the fire does not cover the distance to the box
     in time.
@@ -286,9 +286,8 @@ def _keep_changing(  # type: ignore[no-untyped-def]
 ):
     """Keep sources as ``_keep_steady`` does, but for changing wind.
 
-    The source whose fire arrives first in the middle of the square is put first. The area burned
-    from one source is convex; therefore this area covers a square as soon as it covers the four
-    corners.
+    The source whose fire arrives first at the centre of the square is put first. The area burned
+    from one source is convex; it therefore covers a square as soon as it covers the four corners.
     """
     x, y, half_x, half_y = _box_of(level, square, tiles)
     parent = max(level - 1, 0)

@@ -1,17 +1,17 @@
-"""Compute for ``gaussian_process`` how a field changes the times along straight paths."""
+"""Compute, for ``gaussian_process``, how a field changes travel times along straight paths."""
 
 from typing import NamedTuple
 
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 
-PARTS = 8  # number of parts into which a path is divided to compute the mean
+PARTS = 8  # number of parts into which a path is divided for computing the mean
 
 
 class Field(NamedTuple):
-    """The values of exp w, a factor on the fire's slowness, at nodes ``apart_m`` apart.
+    """The values of exp w, a factor on the fire's slowness, at nodes spaced ``apart_m`` apart.
 
-    Rows are y (row 0 in the south) and columns are x.
+    Rows are along y (row 0 in the south) and columns along x.
 
     Values between nodes are interpolated; beyond the edge, the value at the edge is used.
     """
@@ -96,8 +96,8 @@ def variances(points, origin, of_rates, field, covariance, found):  # type: igno
     """Write the variance of ln(time along each path) into ``found`` (n,).
 
     ``of_rates`` (n, k) are the derivatives of this logarithm with respect to the rates.
-    ``covariance`` (k + nodes, k + nodes) is the covariance of the rates and of w at the nodes. All
-    parts of a path have the same weight.
+    ``covariance`` (k + nodes, k + nodes) is the covariance matrix of the rates and of w at the
+    nodes. All parts of a path have the same weight.
     """
     k = of_rates.shape[1]
     for place in range(points.shape[0]):

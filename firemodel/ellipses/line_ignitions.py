@@ -10,10 +10,10 @@ from firemodel.errors import FireModelError
 
 
 def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Floats:
-    """Convert a line with corners (n, 2) to sources (k, 3), at most ``spacing_m`` apart.
+    """Convert a line with vertices (n, 2) to sources (k, 3), at most ``spacing_m`` apart.
 
-    A source is x, y, at_s, and each corner is a source. ``at_s`` is one time for the whole line or,
-    for a line lit on foot, one time for each corner (n,). Let s be the spacing and r the half-width
+    A source is x, y, at_s, and each vertex is a source. ``at_s`` is one time for the whole line or,
+    for a line lit on foot, one time for each vertex (n,). Let s be the spacing and r the half-width
     of the ellipses (``flank_m_s`` times the time since ignition). The front midway between two
     sources then lags behind that of a continuous line by about s²/(8 r), which is 3 % of r if r is
     twice s. If r is less than s/2, the two ellipses do not touch. Raises FireModelError if there

@@ -1,4 +1,4 @@
-"""Define the paths of fire to points, in simulations with adjustable spread rates.
+"""Define the paths by which fire reaches points, in simulations with adjustable spread rates.
 
 A path is a straight line from an ignition to a point.
 """
@@ -13,10 +13,10 @@ from firemodel.ellipses.ellipse import EllipseFire
 
 
 class StraightPaths(NamedTuple):
-    """The paths of fire to n points.
+    """The paths by which fire reaches n points.
 
-    ``origin`` (n, 2) and ``lit_s`` (n,) are the position and the time of the ignition from which
-    each path starts; ``takes_s`` (n,) is the travel time along the path.
+    ``origin`` (n, 2) and ``lit_s`` (n,) are the position and time of the ignition from which each
+    path starts; ``takes_s`` (n,) is the travel time along the path.
 
     Where fire never arrives, ``takes_s`` is infinite, and ``origin`` and ``lit_s`` are undefined.
     """
@@ -35,19 +35,19 @@ class AdjustableFire(Protocol):
 
     @property
     def first_rates(self) -> Floats:
-        """The sets of adjustments (m, k) from which the search for the best set begins."""
+        """The sets of adjustments (m, k) from which the search for the best set starts."""
 
     def rated(self, rates: Floats) -> "AdjustableFire":
         """Return the fire with its rates adjusted by ``rates`` (k,); zeros change nothing."""
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Return the paths to points (n, 2), which are x, y in metres."""
+        """Return the paths to points (n, 2), given as x, y in metres."""
 
     def places(self) -> Floats:
-        """Return points (k, 2), as x, y in metres, whose bounding box contains the ignitions."""
+        """Return points (k, 2) as x, y in metres, whose bounding box contains the ignitions."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return the arrival times (n,) in s at points (n, 2); unburned points have infinity."""
+        """Return the arrival times (n,) in s at points (n, 2); infinity if unburned."""
 
 
 class AdjustableEllipses:
@@ -55,7 +55,7 @@ class AdjustableEllipses:
 
     The first three of the four adjustments are logarithms of factors. The first factor applies to
     all rates of spread. In addition, the second factor applies to the head and the third to the
-    flanks. The fourth adjustment is a turn of the wind in radians.
+    flanks. The fourth adjustment is a rotation of the wind in radians.
     """
 
     rates_sd = np.array([0.6, 1.2, 0.7, 0.35])
@@ -88,7 +88,7 @@ class AdjustableEllipses:
         return AdjustableEllipses(EllipseFire(spreads, self.fire.sources))
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Return the paths to points (n, 2), which are x, y in metres."""
+        """Return the paths to points (n, 2), given as x, y in metres."""
         time_s, number = self.fire.arrivals(points_m)
         lit = self.fire.sources[np.maximum(number, 0)]
         return StraightPaths(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
@@ -98,5 +98,5 @@ class AdjustableEllipses:
         return self.fire.sources[:, :2]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return the arrival times (n,) in s at points (n, 2); unburned points have infinity."""
+        """Return the arrival times (n,) in s at points (n, 2); infinity if unburned."""
         return self.fire.ignition_time_s(points_m)

@@ -6,7 +6,7 @@ import numpy as np
 
 from firemodel.arrays import Floats
 
-# Each value is the sign of (time of arrival - time of observation).
+# Each value is the sign of (arrival time - observation time).
 BURNED, BURNING, UNBURNED = -1, 0, 1
 
 
@@ -18,7 +18,7 @@ class Simulation(Protocol):
 
 
 class PointObservation(NamedTuple):
-    """The state at a position at ``at_s``.
+    """The state at a position at the time ``at_s``.
 
     BURNED means that fire arrives before that time, BURNING that fire arrives at that time, and
     UNBURNED that fire arrives later or never.
@@ -31,9 +31,9 @@ class PointObservation(NamedTuple):
 
 
 def errors_s(fire: Simulation, observations: Floats) -> Floats:
-    """Return the delays (n,) in s of the observed fire behind the simulated fire.
+    """Return the delays (n,) in s of the observed fire relative to the simulated fire.
 
-    The observations (n, 4) are x, y, at_s and state.
+    The observations (n, 4) are rows of x, y, at_s and state.
 
     The delay is negative where the fire arrived earlier than simulated, and infinite where the
     simulated fire never arrives. A burned or unburned observation that agrees with the simulation

@@ -1,4 +1,4 @@
-"""Sort points into the squares of a quadtree, for computations that run once for each square."""
+"""Sort points into the squares of a quadtree, for computations that run once per square."""
 
 import math
 from typing import Any, NamedTuple
@@ -17,8 +17,8 @@ class Tiles(NamedTuple):
     """A quadtree with ``levels`` levels below its root and with squares in Morton order.
 
     Square k of a level contains the four squares 4 k to 4 k + 3 of the next level. The squares of
-    the last level are the tiles: the sorted points of tile k are those from ``begin[k]`` on, before
-    ``begin[k + 1]``.
+    the last level are the tiles: the sorted points of tile k are those from ``begin[k]`` up to, but
+    not including, ``begin[k + 1]``.
     """
 
     levels: int
@@ -68,8 +68,8 @@ def check_finite(points: Floats, wrong: int) -> None:
 def _enclose(points, box):  # type: ignore[no-untyped-def]
     """Widen a box until it contains all points.
 
-    Returns the index of the first point that is not finite; if all are finite, the number of
-    points.
+    Returns the index of the first point that is not finite, or the number of points if all are
+    finite.
     """
     for k in range(points.shape[0]):
         x, y = points[k, 0], points[k, 1]
@@ -82,7 +82,7 @@ def _enclose(points, box):  # type: ignore[no-untyped-def]
 
 @kernel
 def _spread_bits(number):  # type: ignore[no-untyped-def]
-    """Insert a 0 bit between every two neighbouring bits of a number with at most 16 bits."""
+    """Insert a 0 bit between every two adjacent bits of a number with at most 16 bits."""
     number = (number | (number << 8)) & 0x00FF00FF
     number = (number | (number << 4)) & 0x0F0F0F0F
     number = (number | (number << 2)) & 0x33333333
@@ -110,7 +110,7 @@ def _sort(points, west, south, per_m, tile_of, tiles):  # type: ignore[no-untype
 
 @kernel
 def first_of(level):  # type: ignore[no-untyped-def]
-    """Return the index of the first square of a level among all squares."""
+    """Return the index, among all squares, of the first square of a level."""
     return ((1 << (2 * level)) - 1) // 3
 
 

@@ -1,4 +1,4 @@
-"""Draw random errors of a fire's inputs: wind, moisture, spread rates, ignition position."""
+"""Draw random errors in a fire's inputs: wind, moisture, spread rates, ignition position."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ from scipy.special import ndtr, ndtri
 from firemodel.arrays import Floats
 from firemodel.ensemble.uncertainty import Uncertainty
 
-COMMON = 6  # number of errors in a draw, not counting the factors of single fuels
+COMMON = 6  # number of errors in a draw, not counting the factors of individual fuels
 # Number of different moisture factors. Members with equal factors share one table of spread rates.
 MOISTURES = 15
 
@@ -23,17 +23,17 @@ class Draw(NamedTuple):
     moisture_factor: float  # factor of dead fuel moisture
     north_m: float  # offset of the ignitions
     east_m: float
-    fuel_factors: tuple[float, ...]  # for each burnable fuel, by ascending code
+    fuel_factors: tuple[float, ...]  # for each burnable fuel, in ascending order of code
 
 
 def latin_draws(
     uncertainty: Uncertainty, seed: int | Sequence[int], count: int, fuels: int
 ) -> list[Draw]:
-    """Return draws by Latin hypercube sampling (McKay et al. 1979).
+    """Return draws from Latin hypercube sampling (McKay et al. 1979).
 
     Args:
         uncertainty: The distributions.
-        seed: The seed. Equal arguments give equal draws.
+        seed: The seed. Identical arguments give identical draws.
         count: The number of draws. A different count gives different draws.
         fuels: The number of burnable fuels of the landscape.
 

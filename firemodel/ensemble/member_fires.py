@@ -1,4 +1,4 @@
-"""Simulate the members of an ensemble: fires with one initial state, but different errors.
+"""Simulate the members of an ensemble: fires with the same initial state but different errors.
 
 Members do not depend on each other and may be simulated in parallel. Functions that simulate
 several members have the argument ``each``: ``map``, or the ``map`` method of a thread pool, with
@@ -45,7 +45,7 @@ class Window(NamedTuple):
 class Start:
     """The common initial state of all members, and the spread rates that the members share.
 
-    The fire at the start may already have burned cells. ``Start`` does not change this fire.
+    The fire at the start may already contain burned cells. ``Start`` does not change this fire.
     """
 
     def __init__(self, fire: Fire, ignitions: Sequence[Ignition] = ()) -> None:
@@ -68,10 +68,10 @@ class Start:
         self._spare: deque[Fire] = deque()
 
     def member(self, draw: Draw, rng: np.random.Generator) -> Fire:
-        """Return a member at the start; schemes with random numbers use ``rng``."""
+        """Return a member at the start; schemes that use random numbers take them from ``rng``."""
         try:
             fire = self.fire.copy_over(self._spare.pop())
-        except IndexError:  # as many members as ever are in use
+        except IndexError:  # no spare arrays: all earlier members are still in use
             fire = self.fire.copy()
         fire.draw_from(rng)
         fire.perturb(draw.wind_factor, draw.turn_deg, self.rate_factors(draw))
@@ -80,7 +80,7 @@ class Start:
         return fire
 
     def reuse(self, fire: Fire) -> None:
-        """Use the arrays of a member for a later member; ``fire`` must not be used again."""
+        """Reuse a member's arrays for a later member; ``fire`` must not be used again."""
         self._spare.append(fire)
 
     def window(self, fire: Fire, draw: Draw) -> Window:
@@ -136,7 +136,7 @@ class Start:
         """Return the effect of a factor of dead fuel moisture on spread rate and intensity.
 
         The first array (entries, fuel beds) is the spread rate divided by the rate at the moisture
-        of the weather. The second array contains the intensity divided by the spread rate, in
+        in the weather. The second array contains the intensity divided by the spread rate, in
         (kW/m)/(m/s). Dead fuel moisture changes only the rate without wind and slope, to which all
         spread rates are proportional (Rothermel 1972).
         """
@@ -199,7 +199,7 @@ def burned_windows(
 class Ensemble:
     """Fires that advance together and can be perturbed and resampled, as in a particle filter.
 
-    A member of the any-angle scheme needs about 70 bytes for each cell of the landscape.
+    A member of the any-angle scheme needs about 70 bytes per cell of the landscape.
     """
 
     def __init__(self, fires: Sequence[Fire]) -> None:

@@ -12,7 +12,7 @@ TIMES_AT_ONCE = 2**24  # maximum number of arrival times that are sorted at once
 
 
 def burn_probability(windows: Sequence[Window], shape: tuple[int, int], after_s: float) -> Floats:
-    """Return the fraction (y, x) of members in which a cell burned within ``after_s``."""
+    """Return the fraction (y, x) of members in which each cell burned within ``after_s``."""
     burned = np.zeros(shape)
     for window in windows:
         here = window_at(window.top, window.left, window.after_s.shape)
@@ -31,11 +31,11 @@ def arrival_quantiles_s(
         shares: Fractions of the members, above 0 and at most 1.
 
     Returns:
-        Seconds after the start (shares, y, x); infinity where the cell burned in a smaller share of
-        the members.
+        Seconds after the start (shares, y, x); infinity where the cell burned in a smaller fraction
+        of the members.
     """
     count = len(windows)
-    # The smallest number of members that is at least the fraction, converted to an index of the
+    # The smallest number of members that is at least the fraction, converted to an index into the
     # sorted times. The term 1e-9 allows for rounding errors of fractions such as 0.1 * 3.
     places = [max(int(np.ceil(share * count - 1e-9)), 1) - 1 for share in shares]
     found = np.full((len(shares), *shape), np.inf, dtype=np.float32)
@@ -74,7 +74,7 @@ def _all_burned(windows: Sequence[Window]) -> Place:
 
 
 def mean_flame_length_m(windows: Sequence[Window], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the mean flame length (y, x) of the members in which fire arrived, or NaN."""
+    """Return the mean flame length (y, x) over the members in which fire arrived, or NaN."""
     total, came = np.zeros(shape), np.zeros(shape)
     for window in windows:
         here = window_at(window.top, window.left, window.after_s.shape)

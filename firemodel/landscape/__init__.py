@@ -1,6 +1,6 @@
 """Landscapes (grids of terrain and fuel) and their file formats.
 
-``LAYERS`` are the names of the layers in files and scenarios.
+``LAYERS`` lists the names of the layers in files and scenarios.
 """
 
 LAYERS = (

@@ -33,7 +33,7 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
         The landscape in UTM zone 16 north (EPSG:32616), with arrays (rows, cols).
 
     Raises:
-        FireModelError: The grid reaches beyond the terrain, which ends 7 km from the middle.
+        FireModelError: The grid reaches beyond the terrain, which ends 7 km from the centre.
     """
     west_m, north_m = _corner(rows, cols, cell_size_m)
     flat = Landscape(
@@ -94,7 +94,7 @@ def _elevation(
 
 
 def _fuel(flat: Landscape) -> NDArray[np.int16]:
-    """Return the fuel (rows, cols) that ``jacksboro`` describes, from the terrain of ``flat``."""
+    """Return the fuel (rows, cols) as described in ``jacksboro``, from the terrain of ``flat``."""
     sunny = (flat.aspect_deg >= 135.0) & (flat.aspect_deg <= 315.0)
     on_slopes = np.where(sunny, BRUSH, HARDWOOD_LITTER)
     return np.where(flat.slope_tan >= STEEP, on_slopes, GRASS).astype(np.int16)

@@ -4,7 +4,7 @@ import numpy as np
 
 from firemodel.landscape.landscape import Landscape, transformers
 
-UTM_NORTH, UTM_SOUTH = 32600, 32700  # EPSG codes of the UTM zones, without the number of the zone
+UTM_NORTH, UTM_SOUTH = 32600, 32700  # EPSG codes of the UTM zones, without the zone number
 
 
 def flat_landscape(
@@ -22,8 +22,8 @@ def flat_landscape(
         rows: Number of cells from north to south.
         cols: Number of cells from west to east.
         cell_size_m: Side of a cell in metres.
-        lat_deg: Latitude of the middle in WGS84 degrees.
-        lon_deg: Longitude of the middle in WGS84 degrees.
+        lat_deg: Latitude of the centre in WGS84 degrees.
+        lon_deg: Longitude of the centre in WGS84 degrees.
         elevation_m: Height of the ground above sea level in metres.
         fuel_model: Fuel code, a key of ``FUEL_MODELS``.
 

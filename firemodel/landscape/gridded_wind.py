@@ -1,4 +1,4 @@
-"""Combine grids of wind, or directions from grid north, with a weather stream."""
+"""Combine wind grids, or directions relative to grid north, with a weather stream."""
 
 import math
 from bisect import bisect_right
@@ -12,11 +12,11 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.physics.wind_field import MeanWind, WindGrids, mean_wind
 
-MAX_WINDS = 10_000  # between two grids; their winds are all in memory
+MAX_WINDS = 10_000  # between two grids; all of these winds are in memory
 
 
 class WindStack(NamedTuple):
-    """Grids of wind on a landscape, and their times."""
+    """Wind grids on a landscape, and their times."""
 
     at_s: tuple[float, ...]  # (grids) in ascending order, the first at 0 s or earlier
     grids: WindGrids  # in m/s at 20 ft
@@ -25,12 +25,12 @@ class WindStack(NamedTuple):
 def with_wind_stack(
     weather: WeatherStream, stack: WindStack, landscape: Landscape, interval_s: float
 ) -> WeatherStream:
-    """Return a weather stream with the wind of grids.
+    """Return a weather stream with the wind from grids.
 
     Between two grids, the wind vectors of each cell are interpolated linearly at multiples of
     ``interval_s`` after the first of them; each wind is used until the next. The last grid is used
-    until the end. The wind of an entry is the mean over the landscape (``mean_wind``). Moistures
-    and source are those of ``weather``.
+    until the end. An entry's wind is the mean over the landscape (``mean_wind``). Moistures and
+    source are taken from ``weather``.
 
     Raises:
         FireModelError: More than ``MAX_WINDS`` winds would be interpolated between two grids.
@@ -63,7 +63,7 @@ def with_wind_stack(
 def from_grid_north(weather: WeatherStream, landscape: Landscape) -> WeatherStream:
     """Return a weather stream with its wind directions converted from grid north to true north.
 
-    The directions are in degrees clockwise. The convergence is that in the middle of the landscape.
+    The directions are in degrees clockwise. The convergence is that at the landscape's centre.
     """
     return WeatherStream(
         [
@@ -75,7 +75,7 @@ def from_grid_north(weather: WeatherStream, landscape: Landscape) -> WeatherStre
 
 
 def _times(stack: WindStack, interval_s: float) -> Iterator[float]:
-    """Yield the times of grids, and the times at which winds are interpolated."""
+    """Yield the times of the grids, and the times at which winds are interpolated."""
     for before_s, after_s in pairwise(stack.at_s):
         winds = (after_s - before_s) / interval_s
         if winds > MAX_WINDS:
@@ -88,7 +88,7 @@ def _times(stack: WindStack, interval_s: float) -> Iterator[float]:
 
 
 def _wind_time(stack: WindStack, interval_s: float, at_s: float) -> float:
-    """Return the time of the wind in effect at a time: the last of ``_times`` until then."""
+    """Return the time of the wind in effect at ``at_s``: the last of ``_times`` up to then."""
     before_s = stack.at_s[max(bisect_right(stack.at_s, at_s) - 1, 0)]
     if before_s == stack.at_s[-1]:
         return before_s
@@ -96,7 +96,7 @@ def _wind_time(stack: WindStack, interval_s: float, at_s: float) -> float:
 
 
 def _shares(at_s: tuple[float, ...], time_s: float) -> tuple[tuple[int, float], ...]:
-    """Return the grids before and after a time, and their shares."""
+    """Return the grids before and after a time, and their weights."""
     before = max(bisect_right(at_s, time_s) - 1, 0)
     if time_s <= at_s[before]:
         return ((before, 1.0),)

@@ -1,4 +1,4 @@
-"""Compare slope and aspect with the elevation of the same landscape."""
+"""Compare slope and aspect with the same landscape's elevation."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import horn
 
 STEEP = 0.1  # only ground steeper than this is compared (rise over run)
-MAX_SLOPE_RATIO = 1.5  # a ratio above this value or below its inverse gives a note
+MAX_SLOPE_RATIO = 1.5  # a ratio above this value or below its inverse results in a note
 OPPOSITE_DEG = 135.0
 
 

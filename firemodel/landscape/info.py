@@ -1,4 +1,4 @@
-"""Describe the content of a file of rasters or shapes, and list its problems."""
+"""Describe the contents of a file of rasters or shapes, and list its problems."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -80,15 +80,15 @@ def describe_rasters(
     crs: str | None = None,
     nodata: float | None = None,
 ) -> Description:
-    """Describe the rasters of a landscape, which are in one file or in several files.
+    """Describe the rasters of a landscape, which are in one or several files.
 
     The arguments are those of ``read_landscape``. The result has the keys ``file`` and ``kind``.
     The keys ``crs``, ``rows``, ``cols``, ``cell_size`` (in the CRS's unit) and ``extent`` (south,
     west, north, east in degrees) describe the first band. Each entry of ``bands`` has file, number,
     layer, dtype, unit, nodata, least, most and no_data_cells. A band of fuel codes also has
     ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct. ``problems`` has
-    one line for each reason for which ``read_landscape`` would reject the files. ``notes`` has one
-    line for each value that is probably unintended, and lines about data that a run ignores.
+    one line for each reason why ``read_landscape`` would reject the files. ``notes`` has one line
+    for each value that is probably unintended, and lines about data that a run ignores.
     """
     problems: list[str] = []
     pairs = _layers_and_bands(files, problems)
@@ -146,7 +146,7 @@ def _ignored(pairs: list[tuple[str, Band]]) -> Iterator[str]:
 
 
 def _table_note(band: Band, present: NDArray[Any]) -> Iterator[str]:
-    """Yield a note if a lookup table in the folder assigns other fuels to an unnamed band."""
+    """Yield a note if a lookup table in the folder assigns different fuels to an unnamed band."""
     codes = np.unique(present)
     if codes.size <= MAX_CODES:
         other = renamed_code(band.path, {int(code) for code in codes}, FUEL_MODELS)
@@ -193,9 +193,9 @@ def describe_shapes(
     """Describe and check a file of shapes; with a landscape, check that the shapes lie on it.
 
     The keys of the result are ``file``, ``kind``, ``crs``, ``features`` (the number of features),
-    ``types`` (the number of each type), ``extent`` (south, west, north, east in degrees) and
-    ``problems``. ``problems`` has one line for each reason for which ``read_shapes`` would reject
-    the file.
+    ``types`` (the number of features of each type), ``extent`` (south, west, north, east in
+    degrees) and ``problems``. ``problems`` has one line for each reason why ``read_shapes`` would
+    reject the file.
     """
     found: Description = {"file": str(path), "kind": "shapes"}
     problems: list[str] = []
@@ -382,7 +382,7 @@ def _band_in_words(
 
 
 def _fuels(present: NDArray[Any], layer: str) -> Description:
-    """Return the share of each fuel code in a fuel layer, or in an unnamed band of fuel codes."""
+    """Return each fuel code's share of a fuel layer, or of an unnamed band of fuel codes."""
     names = {code: fuel.name for code, fuel in FUEL_MODELS.items()} | NON_BURNABLE
     names[NO_FUEL] = "no fuel"
     if layer not in ("fuel", "") or present.dtype.kind not in REAL:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pyproj import CRS, Transformer
 
 
-MAX_ELEVATION_M = 9000.0  # a larger value means a wrong unit or an undeclared nodata value
+MAX_ELEVATION_M = 9000.0  # a higher value means a wrong unit or an undeclared nodata value
 MAX_TREE_M = 120.0
 MAX_CANOPY_KG_M3 = 2.0  # denser than any forest; a larger value means a wrong unit
 MAX_SLOPE = 1000.0  # rise over run
@@ -30,7 +30,7 @@ ROWS_AT_ONCE = 256
 
 @lru_cache(maxsize=8)
 def transformers(crs: str) -> "tuple[Transformer, Transformer]":
-    """Return the transformers from a CRS to WGS84 (longitude, latitude), and back."""
+    """Return the transformers from a CRS to WGS84 (longitude, latitude) and back."""
     from pyproj import Transformer
 
     return (
@@ -57,7 +57,7 @@ def check_crs(crs: str, where: str) -> None:
 
 
 def crs_label(crs: str) -> str:
-    """Return a short label for a CRS: ``crs`` itself if it is short, else the name of the CRS.
+    """Return a short label for a CRS: ``crs`` itself if it is short, else the CRS's name.
 
     A projection without a name is described by its method, its parameters and its ellipsoid.
     """
@@ -96,7 +96,7 @@ def same_crs(one: str, other: str) -> bool:
 
 
 def _same_datum(left: "CRS", right: "CRS") -> bool:
-    """Return whether two projections have the same datum, or unknown datums on equal ellipsoids."""
+    """Return whether two projections share a datum, or have unknown datums on equal ellipsoids."""
     one, other = left.geodetic_crs, right.geodetic_crs
     if one is None or other is None or one.equals(other, ignore_axis_order=True):
         return one is not None and other is not None
@@ -113,7 +113,7 @@ def _same_datum(left: "CRS", right: "CRS") -> bool:
 
 
 def turned(north: Any, east: Any, turn_deg: float) -> tuple[Any, Any]:
-    """Return the components (north, east) of vectors that are turned clockwise.
+    """Return the components (north, east) of vectors after turning them clockwise.
 
     The components are numbers or arrays. A turn by ``grid_convergence_deg`` converts components
     towards grid north to those towards true north.
@@ -126,8 +126,8 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
     """Compute the rise per metre (2, y, x) towards north and towards east from elevation (y, x).
 
     The rise is a weighted difference of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47).
-    Beyond the edge, the elevation at the edge is used. The computation is in float64, and in blocks
-    of rows to save memory.
+    Beyond the edge, the elevation at the edge is used. The computation is done in float64, and in
+    blocks of rows to save memory.
     """
     rows, cols = elevation_m.shape
     padded = np.pad(elevation_m, 1, mode="edge")
@@ -145,7 +145,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
 def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
     """Interpolate values (y, x) at float rows and columns, with constant values beyond the edge."""
     last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
-    if isinstance(row, float):  # for one position this is much faster without arrays
+    if isinstance(row, float):  # for a single position this is much faster without arrays
         row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
         top, left = min(int(row), last_row - 1), min(int(col), last_col - 1)
         north_west, north_east = values.item(top, left), values.item(top, left + 1)
@@ -176,12 +176,12 @@ class Landscape(NotebookObject):
     arrays are (y, x) with row 0 in the north. The layers are fuel codes (see ``fuels``), elevation
     in metres above sea level and, optionally, canopy cover (0 to 1), canopy height in metres,
     canopy base height in metres and canopy bulk density in kg/m³. ``gradient`` (2, y, x) is the
-    rise per metre towards north and towards east. If no gradient is given, the gradient is computed
-    from the elevation (see ``horn``). If a gradient is given, the elevation may be missing.
-    ``custom_fuels`` are the fuel models of codes that are not standard, or that replace standard
-    models. A position in the grid is a pair of floats (row, col). At the centre of a cell both
-    numbers are whole, so that ``round`` converts a position to its cell. Positions and coordinates
-    may be scalars or arrays.
+    rise per metre towards north and towards east. If no gradient is given, it is computed from the
+    elevation (see ``horn``). If a gradient is given, the elevation may be missing. ``custom_fuels``
+    are the fuel models of codes that are not standard, or that replace standard models. A position
+    in the grid is a pair of floats (row, col). At the centre of a cell both are whole numbers, so
+    that ``round`` converts a position to its cell. Positions and coordinates may be scalars or
+    arrays.
     """
 
     crs: str
@@ -200,7 +200,7 @@ class Landscape(NotebookObject):
     def __post_init__(self) -> None:
         """Check the values and compute the gradient if it is not given.
 
-        Raises FireModelError, whose message names the invalid value.
+        Raises FireModelError; the message names the invalid value.
         """
         if self.fuel_model.ndim != 2 or self.fuel_model.size == 0:
             raise FireModelError(
@@ -256,18 +256,18 @@ class Landscape(NotebookObject):
 
     @cached_property
     def fuels(self) -> Mapping[int, FuelModel]:
-        """The fuel model of each code that burns, standard or custom."""
+        """The fuel model of each burnable code, standard or custom."""
         return FUEL_MODELS | dict(self.custom_fuels)
 
     @cached_property
     def burnable_codes(self) -> tuple[int, ...]:
-        """The codes of the fuels on this landscape that burn, in ascending order."""
+        """The codes of the burnable fuels on this landscape, in ascending order."""
         present = np.bincount(self.fuel_model.ravel()).nonzero()[0]
         return tuple(int(code) for code in present if int(code) in self.fuels)
 
     @cached_property
     def moisture_zones(self) -> MoistureZones:
-        """The zones whose dead fuel has the same moisture; this landscape has an elevation."""
+        """The zones of equal dead fuel moisture; requires this landscape to have an elevation."""
         assert self.elevation_m is not None
         return moisture_zones(self.elevation_m, self.gradient, self.canopy_cover)
 
@@ -298,14 +298,14 @@ class Landscape(NotebookObject):
 
     @cached_property
     def centre_lat_lon(self) -> tuple[float, float]:
-        """WGS84 latitude and longitude in degrees of the middle of the grid."""
+        """WGS84 latitude and longitude of the grid's centre in degrees."""
         rows, cols = self.shape
         lat_deg, lon_deg = self.lat_lon_of(*self.xy_of((rows - 1) / 2, (cols - 1) / 2))
         return float(lat_deg), float(lon_deg)
 
     @cached_property
     def grid_convergence_deg(self) -> float:
-        """The direction of grid north at the middle of the grid, clockwise from true north."""
+        """The direction of grid north at the grid's centre, clockwise from true north."""
         from pyproj import Proj
 
         lat_deg, lon_deg = self.centre_lat_lon
@@ -372,7 +372,7 @@ class Landscape(NotebookObject):
         return bool(-0.5 <= row < self.shape[0] - 0.5 and -0.5 <= col < self.shape[1] - 0.5)
 
     def elevation_at(self, x_m: Any, y_m: Any) -> Any:
-        """Return the elevation in metres, interpolated bilinearly between the centres of cells.
+        """Return the elevation in metres, interpolated bilinearly between cell centres.
 
         Off the grid, the elevation at the edge is returned. Raises FireModelError if the landscape
         has no elevation.
@@ -425,8 +425,8 @@ class Landscape(NotebookObject):
             del layers["gradient"]
         for name, layer in layers.items():
             if layer is not None:
-                # The name of the elevation is not hashed, so that the digests in earlier records
-                # remain valid.
+                # The elevation's name is not hashed, so that the digests in earlier records remain
+                # valid.
                 sha.update(b"" if name == "elevation" else name.encode())
                 sha.update(layer.astype("<f4").tobytes())
         return sha.hexdigest()

@@ -1,7 +1,7 @@
-"""Divide a landscape into zones of equal dead fuel moisture, by elevation, slope, aspect, canopy.
+"""Divide a landscape into zones of equal dead fuel moisture by elevation, slope, aspect, canopy.
 
-A zone consists of the cells in the same band of elevation, class of slope and aspect, and class of
-canopy cover, as in FARSITE's conditioning. Each zone has the means of its cells.
+A zone consists of the cells in the same elevation band, class of slope and aspect, and canopy cover
+class, as in FARSITE's conditioning. A zone's values are the means over its cells.
 """
 
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
 
-BAND_M = 250.0  # of elevation
+BAND_M = 250.0  # height of an elevation band
 SLOPES = (0.10, 0.40)  # rise over run: below the first, the aspect does not matter
 ASPECTS = 8
 COVERS = (0.1, 0.5)
@@ -32,7 +32,7 @@ def moisture_zones(
     gradient: NDArray[np.float32],
     canopy_cover: NDArray[np.float32] | None,
 ) -> MoistureZones:
-    """Return the zones of cells (y, x); ``gradient`` (2, y, x) is the rise to north and to east."""
+    """Return the zones of cells (y, x); ``gradient`` (2, y, x) is the rise to north and east."""
     north, east = gradient
     slope = np.digitize(np.hypot(north, east), SLOPES)
     aspect = np.floor(np.arctan2(-east, -north) / (2.0 * np.pi) * ASPECTS + 0.5).astype(np.int64)

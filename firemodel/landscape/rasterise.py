@@ -18,11 +18,11 @@ SHORTEST = 1e-12  # parts of a segment below this fraction of its length are lef
 
 
 def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:
-    """Return the cells (n, 2) that geometries in the landscape's CRS touch, sorted by rows.
+    """Return the cells (n, 2) that geometries in the landscape's CRS touch, sorted by row.
 
     Each cell is (row, col). A point touches its cell. A line touches all cells it crosses;
-    consecutive cells have a common side. A polygon touches the cells whose centre is inside, or one
-    cell if the polygon contains no centre. Parts off the grid are ignored.
+    consecutive cells share a side. A polygon touches the cells whose centre is inside, or one cell
+    if the polygon contains no centre. Parts off the grid are ignored.
     """
     return np.argwhere(mask_of(geometries, landscape)).astype(np.int32)
 
@@ -54,12 +54,12 @@ def with_barriers(
 ) -> Landscape:
     """Return the landscape with a non-burnable fuel code in all cells that geometries touch.
 
-    Fire cannot cross a line in any direction, because consecutive cells of the line have a common
-    side. The outline of a polygon is a barrier too, so that a river narrower than a cell stops fire
-    as a line does.
+    Fire cannot cross a line in any direction, because consecutive cells of the line share a side.
+    The outline of a polygon is a barrier too, so that a river narrower than a cell stops fire as a
+    line does.
 
     Args:
-        landscape: The landscape; it is not changed.
+        landscape: The landscape; it is not modified.
         geometries: shapely geometries in the landscape's CRS.
         code: A fuel code that does not burn (91 to 99).
 
@@ -80,9 +80,9 @@ def with_barriers(
 
 
 def cells_along(line: BaseGeometry, landscape: Landscape) -> tuple[NDArray[np.int64], Floats]:
-    """Return the cells of a line, and for each cell the length of the line up to the next cell.
+    """Return the cells of a line, and for each cell the line's length up to the next cell.
 
-    The cells are those of ``cells_of``. A length ends in the middle of the part of the line that
+    The cells are those of ``cells_of``. A length ends at the midpoint of the part of the line that
     is in the next cell.
 
     Args:
@@ -90,7 +90,7 @@ def cells_along(line: BaseGeometry, landscape: Landscape) -> tuple[NDArray[np.in
         landscape: The grid.
 
     Returns:
-        The cells (k), as indices of flattened cells, and the lengths (k) in m on the map. Of
+        The cells (k), as indices of the flattened cells, and the lengths (k) in m on the map. Of
         several visits to a cell, the first one counts.
     """
     rows, cols = landscape.shape
@@ -167,7 +167,7 @@ def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.boo
         _mark(_col_row(line, landscape)[:1], touched)
         return
     rows, cols = touched.shape
-    near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # removes parts far off the grid
+    near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # removes parts far outside the grid
     for part in _parts([shapely.LineString(_col_row(line, landscape)).intersection(near)]):
         vertices = shapely.get_coordinates(part)
         chain = np.floor(_steps(vertices) if len(vertices) > 1 else vertices)
@@ -180,7 +180,7 @@ def _steps(vertices: Floats) -> Floats:
     """Return points (m, 2) in order along a line (n, 2): one in each cell, and all vertices.
 
     The lines between columns and rows cut each segment into parts, each of which lies in one cell.
-    The vertices are included so that lines with a common vertex mark a common cell, even if the
+    The vertices are included so that lines that share a vertex mark a common cell, even if the
     vertex lies on the edge of a cell.
     """
     start, segments_xy = vertices[:-1], np.diff(vertices, axis=0)

@@ -1,4 +1,4 @@
-"""Describe weather files, and the inputs files and fuel files of FARSITE."""
+"""Describe weather files, and FARSITE's inputs files and fuel files."""
 
 from collections.abc import Callable
 from datetime import timedelta
@@ -25,7 +25,7 @@ from firemodel.landscape.readers.wind_files import pair_of, read_atm
 from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import Moisture
 
-Described = tuple[list[str], list[str]]  # lines about the content, and notes on ignored data
+Described = tuple[list[str], list[str]]  # lines about the contents, and notes on ignored data
 
 DRY = Moisture(0.06, 0.08, 0.10, 0.70, 1.00)  # used only to check files without moistures
 WEATHER = (".raws", ".wxs", ".wtr", ".csv")
@@ -34,8 +34,8 @@ WEATHER = (".raws", ".wxs", ".wtr", ".csv")
 def describe_table(path: Path) -> dict[str, Any] | None:
     """Describe a weather file or a fuel file; return None for files of another kind.
 
-    The keys of the result are ``file``, ``kind``, ``details`` (lines about the content), ``notes``
-    (lines about data that a run ignores) and ``problems``: the reason for which the file would be
+    The keys of the result are ``file``, ``kind``, ``details`` (lines about the contents), ``notes``
+    (lines about data that a run ignores) and ``problems``: the reason why the file would be
     rejected, if there is one.
     """
     kind, describe = _kind_of(path)

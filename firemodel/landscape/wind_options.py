@@ -1,4 +1,4 @@
-"""Define the names of units, heights and north in files of wind."""
+"""Define the names of units, heights and norths in wind files."""
 
 from typing import Literal
 

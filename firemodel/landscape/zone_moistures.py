@@ -1,7 +1,7 @@
-"""Compute the moisture of dead fuel in each zone of a landscape at each record of the weather.
+"""Compute the dead fuel moisture in each zone of a landscape at each weather record.
 
-In each zone the air has the temperature and humidity of its elevation, and the sun shines on its
-slope through clouds and crowns. Nelson's sticks (``dead_fuel_sticks``) follow this weather.
+In each zone the air has the temperature and humidity at the zone's elevation, and the sun shines on
+its slope through clouds and crowns. Nelson's sticks (``dead_fuel_sticks``) follow this weather.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from firemodel.physics import sunlight
 from firemodel.physics.dead_fuel_sticks import STICKS, stick_moistures
 from firemodel.physics.weather import DeadMoistures
 
-# Fall of temperature and dew point with elevation: 3.5 and 1.1 °F per 1000 ft (Rothermel et al.
+# Decrease in temperature and dew point with elevation: 3.5 and 1.1 °F per 1000 ft (Rothermel et al.
 # 1986, INT-359).
 LAPSE_C_M, DEW_LAPSE_C_M = 3.5 / 1.8 / 304.8, 1.1 / 1.8 / 304.8
 MIN_HUMIDITY, MAX_HUMIDITY = 0.01, 0.99
@@ -28,32 +28,32 @@ LON_DEG_PER_H = 15.0
 
 
 class ZoneConditions(NamedTuple):
-    """The landscape whose zones have moistures of their own, and the elevation of the station."""
+    """The landscape whose zones have their own moistures, and the weather station's elevation."""
 
     landscape: Landscape
     station_m: float | None = None  # None: the mean elevation of the landscape
 
 
 class AirRecords(NamedTuple):
-    """Records of a weather station; each field from ``at_s`` to ``sun_w_m2`` has one value each.
+    """Weather station records; each field from ``at_s`` to ``sun_w_m2`` has one value per record.
 
-    The times are in seconds after ``begin`` and increase.
+    The times are in seconds after ``begin``, in increasing order.
     """
 
-    begin: datetime  # calendar time of 0 s; without an offset, the standard time of the longitude
+    begin: datetime  # calendar time of 0 s; without an offset, standard time at the longitude
     at_s: Floats
     temperature_c: Floats
     humidity_pct: Floats
-    rain_mm: Floats  # between a record and the next
-    cloud_pct: Floats  # share of the sky
-    sun_w_m2: Floats | None  # measured on level ground; used instead of the clouds
+    rain_mm: Floats  # between this record and the next
+    cloud_pct: Floats  # share of the sky covered
+    sun_w_m2: Floats | None  # measured on level ground; used instead of cloud cover
     initial: DeadMoistures  # at the first record, as fractions
 
 
 def zone_moistures(air: AirRecords, conditions: ZoneConditions) -> list[tuple[DeadMoistures, ...]]:
-    """Return the dead moistures (fractions) in each zone of a landscape, for each record.
+    """Return the dead fuel moistures (fractions) of a landscape's zones, for each record.
 
-    Raises FireModelError if the landscape has no elevation, or if the air of a zone is too hot.
+    Raises FireModelError if the landscape has no elevation, or if the air in a zone is too hot.
     """
     landscape, station_m = conditions
     if landscape.elevation_m is None:
@@ -84,11 +84,11 @@ def zone_moistures(air: AirRecords, conditions: ZoneConditions) -> list[tuple[De
 def _stick_moistures(
     rows: bytes, records: int, initial: DeadMoistures
 ) -> tuple[tuple[DeadMoistures, ...], ...]:
-    """Return the dead moistures of zones at each record.
+    """Return the dead fuel moistures of zones at each record.
 
     ``rows`` is an array (2 + 3 zones, records) of times and rain, and for each zone temperatures,
-    humidities and sunlight. The array is the key of the cache, because the parts of a program read
-    the same weather several times.
+    humidities and sunlight. The array is the cache key, because different parts of a program read
+    the same weather.
     """
     (at_s, rain_cm), zones = np.split(np.frombuffer(rows).reshape(-1, records), [2])
     found = [
@@ -105,7 +105,7 @@ def _stick_moistures(
 
 
 def at_elevation(air: AirRecords, above_m: float) -> tuple[Floats, Floats]:
-    """Return temperatures in °C and humidities (fractions) at a height above the station."""
+    """Return the temperatures in °C and humidities (fractions) at a height above the station."""
     humidity = np.clip(air.humidity_pct / 100.0, MIN_HUMIDITY, MAX_HUMIDITY)
     dew_c = _dew_point_c(air.temperature_c, humidity) - DEW_LAPSE_C_M * above_m
     temperature_c = air.temperature_c - LAPSE_C_M * above_m
@@ -114,7 +114,7 @@ def at_elevation(air: AirRecords, above_m: float) -> tuple[Floats, Floats]:
 
 
 def _magnus(temperature_c: Floats) -> Floats:
-    """Return the logarithm of the relative pressure of saturated vapour (Magnus, WMO 2008)."""
+    """Return the logarithm of the relative saturation vapour pressure (Magnus, WMO 2008)."""
     return 17.62 * temperature_c / (243.12 + temperature_c)
 
 
@@ -124,7 +124,7 @@ def _dew_point_c(temperature_c: Floats, humidity: Floats) -> Floats:
 
 
 def _sunlight(air: AirRecords, landscape: Landscape, station_m: float) -> Callable[[int], Floats]:
-    """Return a function of a zone that gives the sunlight on its fuel at each record, in W/m²."""
+    """Return a function that gives the sunlight on a zone's fuel at each record, in W/m²."""
     zones: MoistureZones = landscape.moisture_zones
     lat_deg, lon_deg = landscape.centre_lat_lon
     begin = air.begin

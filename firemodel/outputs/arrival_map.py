@@ -32,7 +32,7 @@ NOTE = "Simulated fire. Not for navigation. {crs}, graticule WGS 84, arrow to tr
 
 
 def draw_map(path: Path | str, fire: Fire, title: str, time_zero: datetime | None = None) -> None:
-    """Draw a fire as a PNG with time, burned area, arrival times, isochrones and graticule.
+    """Draw a fire as a PNG with the time, burned area, arrival times, isochrones and graticule.
 
     Args:
         path: The file to write.
@@ -57,7 +57,7 @@ def draw_arrival(
     line: str,
     layer: Layer,
 ) -> None:
-    """Draw arrival times (y, x) in the style of ``draw_map``; ``line`` is below the title."""
+    """Draw arrival times (y, x) in the style of ``draw_map``; ``line`` goes below the title."""
     frame = frame_around(land, arrival_s)
     figure, axes = start_map(land, arrival_s, frame, isochrones=True, layer=layer)
     set_title(axes, title, line)
@@ -66,10 +66,10 @@ def draw_arrival(
 
 
 def save_map(figure: Any, file: Any) -> None:
-    """Write a figure of ``start_map`` as a PNG without the name of the software.
+    """Write a figure from ``start_map`` as a PNG without the software's name.
 
-    ``print_png`` draws the figure once. ``savefig`` would draw the figure twice, first for the
-    layout alone.
+    ``print_png`` draws the figure once. ``savefig`` would draw it twice, first for the layout
+    alone.
 
     Args:
         figure: The figure. Characters that the font does not contain are drawn as boxes, without a
@@ -82,13 +82,13 @@ def save_map(figure: Any, file: Any) -> None:
 
 
 def status_line(fire: Fire, time_zero: datetime | None = None) -> str:
-    """Return a text with the time of the fire and its burned area."""
+    """Return a text with the fire's time and burned area."""
     area_m2 = fire.front(fire.time_s).area
     return f"{time_in_words(fire.time_s, time_zero)} · burned: {area_in_words(area_m2)}"
 
 
 def time_in_words(time_s: float, time_zero: datetime | None) -> str:
-    """Return a text with a time after mission time 0, and the date if ``time_zero`` is given."""
+    """Return a time after mission time 0 as text, with the date if ``time_zero`` is given."""
     after = f"{time_s / 3600.0:.4g} h after mission time 0"
     if time_zero is None:
         return f"{after} (no calendar date)"
@@ -169,7 +169,7 @@ def draw_classes(
     isochrones: bool = False,
     layer: Layer | None = None,
 ) -> dict[str, list[tuple[str, str]]]:
-    """Draw arrival times in the colours of their classes; return the part of the legend."""
+    """Draw arrival times in the colours of their classes; return their part of the legend."""
     window, extent = _window(land, frame)
     times_s = np.ma.masked_invalid(np.where(np.isfinite(arrival_s), arrival_s, np.nan))[window]
     if not times_s.count():
@@ -192,7 +192,7 @@ def _coloured(values: NDArray[Any], layer: Layer, alpha: float) -> NDArray[np.ui
 
 
 def _unburnable(codes: NDArray[Any]) -> list[tuple[str, str]]:
-    """Return the colours and names of the codes in a map that do not burn."""
+    """Return the colours and names of the unburnable codes in a map."""
     return [
         (each.colour, each.label)
         for each in fuel_layer(codes).classes
@@ -223,7 +223,7 @@ def _draw_legend(axes: Any, parts: Mapping[str, Sequence[tuple[str, str]]]) -> N
 
 
 def frame_around(land: Landscape, arrival_s: Floats, more_xy_m: Floats | None = None) -> Frame:
-    """Return a square frame, with a margin, around the fire and further points (k, 2).
+    """Return a square frame, with a margin, around the fire and any additional points (k, 2).
 
     Points that are not finite, because they are too far away for the projection, are ignored.
     """
@@ -255,7 +255,7 @@ def _draw_isochrones(axes: Any, hours: Any, extent: Frame) -> None:
     from matplotlib.patheffects import withStroke
 
     step = _round_step(float(np.ptp(hours.compressed())), MAX_ISOCHRONES)
-    # No isochrone at the earliest time, at which only cells of the initial fire burn.
+    # No isochrone at the earliest time, when only cells of the initial fire burn.
     first = math.floor(hours.min() / step + 1e-9) + 1
     levels = np.arange(first, math.floor(hours.max() / step) + 1) * step
     if min(hours.shape) < 2 or not len(levels):

@@ -1,4 +1,4 @@
-"""The attributes of a perimeter by the US interagency standard (WFIGS, NWCG event polygon)."""
+"""Define a perimeter's attributes in the US interagency standard (WFIGS, NWCG event polygon)."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ M2_PER_ACRE = 4046.8564224
 
 
 def feature_category(prescribed: bool) -> str:
-    """Return the category of a perimeter of a wildfire or of a prescribed fire."""
+    """Return the category of a wildfire's or a prescribed fire's perimeter."""
     return "Prescribed Fire" if prescribed else "Wildfire Daily Fire Perimeter"
 
 
@@ -20,14 +20,14 @@ def event_polygon(
     written_unix_ms: int,
     at_unix_ms: int | None,
 ) -> dict[str, Any]:
-    """Return the attributes of an event polygon, not approved, without the prefix ``poly_``.
+    """Return the attributes of an unapproved event polygon, without the prefix ``poly_``.
 
     Args:
         name: The incident's name.
         category: The FeatureCategory, for example that of ``feature_category``.
         acres: The area in acres (4046.8564224 m²).
         written_unix_ms: The time of the record, in ms since 1970 UTC.
-        at_unix_ms: The time that the polygon shows, in ms since 1970 UTC, if it is known.
+        at_unix_ms: The time that the polygon represents, in ms since 1970 UTC, if it is known.
     """
     return {
         "IncidentName": name,
@@ -46,7 +46,7 @@ def event_polygon(
 
 
 def geodesic_acres(geometry: dict[str, Any]) -> float:
-    """Return the acres of a GeoJSON MultiPolygon on the WGS84 ellipsoid, whatever its projection.
+    """Return a GeoJSON MultiPolygon's area in acres on the WGS84 ellipsoid.
 
     Outer rings are anticlockwise, as in RFC 7946.
     """

@@ -77,9 +77,9 @@ def fronts_geojson(
     """Return GeoJSON (RFC 7946, WGS84) with the burned area at each time as a MultiPolygon.
 
     The names of the properties are those of the US interagency perimeters (WFIGS); calendar times
-    are in ms since 1970 UTC. The features have the status of a perimeter that is not approved.
-    ``time_zero`` is the calendar time of 0 s, if there is one. Raises FireModelError if the times
-    do not increase or the fire has not been advanced to one of them.
+    are in ms since 1970 UTC. The features have the status of an unapproved perimeter. ``time_zero``
+    is the calendar time of 0 s, if there is one. Raises FireModelError if the times do not increase
+    or the fire has not been advanced to one of them.
     """
     check_increasing(times_s)
     features = []
@@ -123,13 +123,13 @@ def write_fronts(
 ) -> None:
     """Write the burned area at each time as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
-    Two files of the same name are written beside the GeoJSON: a QGIS style (.qml), and KML (.kml)
+    Two files of the same name are written next to the GeoJSON: a QGIS style (.qml), and KML (.kml)
     with the calendar times, if ``time_zero`` is given.
 
     Args:
         path: The GeoJSON file to write.
         fire: A fire that has been advanced at least to the last of the times.
-        times_s: Increasing times in seconds; each gives one feature.
+        times_s: Increasing times in seconds; each yields one feature.
         name: The incident's name.
         time_zero: The calendar time of 0 s, if there is one.
 

@@ -14,13 +14,13 @@ NOTE = "Simulated, not approved. Not for navigation."
 def fronts_kml(collection: dict[str, Any], name: str, layer: Layer, zero: datetime | None) -> str:
     """Convert the GeoJSON of ``fronts_geojson`` to KML.
 
-    With a calendar date each front has a TimeSpan that ends when the next front begins, so that the
-    time slider of Google Earth shows the fire's growth. Without a date the fronts have no times.
+    With a calendar date each front has a TimeSpan that ends when the next front begins, so that
+    Google Earth's time slider shows the fire's growth. Without a date the fronts have no times.
 
     Args:
         collection: The result of ``fronts_geojson``, in order of time.
         name: The incident's name.
-        layer: The layer of arrival times; the classes of the layer define the colours.
+        layer: The arrival time layer; its classes define the colours.
         zero: The calendar time of 0 s, if there is one.
 
     Returns:
@@ -35,7 +35,7 @@ def fronts_kml(collection: dict[str, Any], name: str, layer: Layer, zero: dateti
 
 
 def kml_document(name: str, description: str) -> tuple[Element, Element]:
-    """Return the root of a KML file, and its document with a name and a description."""
+    """Return the root of a KML file, and the file's document with a name and a description."""
     root = Element("kml", {"xmlns": "http://www.opengis.net/kml/2.2"})
     document = SubElement(root, "Document")
     add_text(document, "name", name)
@@ -93,7 +93,7 @@ def _add_placemark(
 
 
 def add_span(placemark: Element, zero: datetime, begin_s: float, end_s: float | None) -> None:
-    """Add a TimeSpan in seconds after the calendar time ``zero``; an end of None is open."""
+    """Add a TimeSpan in seconds after the calendar time ``zero``; an end of None leaves it open."""
     span = SubElement(placemark, "TimeSpan")
     add_text(span, "begin", _instant(zero, begin_s))
     if end_s is not None:
@@ -128,5 +128,5 @@ def _instant(zero: datetime, time_s: float) -> str:
 
 
 def add_text(parent: Element, tag: str, text: str) -> None:
-    """Add an element with a text, without the characters that XML does not allow."""
+    """Add an element with text, without the characters that XML does not allow."""
     SubElement(parent, tag).text = "".join(each for each in text if each.isprintable())

@@ -35,15 +35,15 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
     """Write an array as a cloud-optimised GeoTIFF, and a QGIS style of the same name (.qml).
 
     The band has the layer's description and unit, and codes have a colour table. A raster with more
-    than 512 rows or columns has overviews with the mean of the values or the most frequent code.
-    Equal arrays give identical files. An existing file is replaced completely or not at all.
+    than 512 rows or columns has overviews with the mean value or the most frequent code. Equal
+    arrays give identical files. An existing file is replaced completely or not at all.
 
     Args:
         path: The file to write, ending in .tif, in an existing folder.
-        values: (y, x) of the landscape's shape, row 0 in the north. Codes are integers from 0 to
+        values: (y, x) with the landscape's shape, row 0 in the north. Codes are integers from 0 to
             65534, written as uint8 if they are all below 255, else as uint16. Other values must not
             be negative and are written as float32; NaN and infinity are written as no data (-1).
-        landscape: The grid and CRS.
+        landscape: The landscape, for its grid and CRS.
         layer: Description, unit and classes, for example ``layer_legends.PROBABILITY_LAYER`` or
             ``arrival_layer(...)``.
 
@@ -63,10 +63,9 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
         array, nodata, overviews = values.astype(dtype), float(np.iinfo(dtype).max), "MODE"
     else:
         array = np.where(np.isfinite(values), values, NO_VALUE).astype(np.float32)
-        # The arithmetic mean of directions has no meaning.
+        # The arithmetic mean of directions is meaningless.
         nodata, overviews = NO_VALUE, "NEAREST" if layer.unit == "degree" else "AVERAGE"
-    # Written in memory first: on a full disk GDAL raises an exception of a class that is not
-    # public.
+    # Written in memory first: on a full disk GDAL raises an exception of a non-public class.
     with MemoryFile() as memory:
         with memory.open(
             driver="COG",
@@ -99,8 +98,8 @@ def write_rasters(
     Args:
         folder: An existing folder.
         fire: A fire that has been advanced to the time of interest.
-        time_zero: The calendar time of 0 s, if there is one; the style of the arrival times
-            contains this time.
+        time_zero: The calendar time of 0 s, if there is one; the arrival times' style contains this
+            time.
 
     Returns:
         The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,

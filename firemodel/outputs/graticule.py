@@ -53,7 +53,7 @@ def draw_graticule(axes: Any, land: Landscape, frame: Frame) -> None:
 
 
 def draw_north(axes: Any, land: Landscape) -> None:
-    """Draw an arrow to true north in the upper right corner of axes with grid north at the top."""
+    """Draw an arrow towards true north in the upper right corner of axes with grid north up."""
     turn = math.radians(land.grid_deg(0.0))
     east, north = 0.075 * math.sin(turn), 0.075 * math.cos(turn)
     arrow = {"arrowstyle": "-|>,head_width=0.5,head_length=0.9", "linewidth": 2, "color": "black"}
@@ -94,7 +94,7 @@ def _crossing(along: Floats, across: Floats, at: float) -> float:
 
 
 def _label(number: int, step_min: float, sides: str) -> str:
-    """Return degrees and decimal minutes, for example 36°21.5′N."""
+    """Return a label in degrees and decimal minutes, for example 36°21.5′N."""
     decimals = 2 if step_min < 0.1 else 1 if step_min < 1 else 0
     whole, minutes = divmod(round(abs(number) * step_min, 2), 60.0)
     width = 2 if decimals == 0 else 3 + decimals

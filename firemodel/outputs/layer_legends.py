@@ -42,7 +42,7 @@ class ColourClass(NamedTuple):
 
 
 class FuelGroup(NamedTuple):
-    """A group of similar fuels; ``colour`` (#rrggbb) is the colour of the first code."""
+    """A group of similar fuels; ``colour`` (#rrggbb) is that of the first code."""
 
     name: str
     codes: tuple[int, ...]
@@ -50,7 +50,7 @@ class FuelGroup(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """The meaning of the values of a raster, and the classes in which the values are drawn.
+    """The meaning of a raster's values, and the classes in which they are drawn.
 
     ``unit`` is spelt as in UDUNITS; it is "1" for a fraction and "" for codes. The classes of codes
     are single values (``categorical``). Other classes are ranges, and the last one has no upper
@@ -99,7 +99,7 @@ def after_zero(time_zero: datetime | None) -> str:
 def arrival_layer(
     first_s: float, last_s: float, time_zero: datetime | None, what: str = "time of arrival of fire"
 ) -> Layer:
-    """Return the layer of arrival times, with classes of one hour or another round step.
+    """Return the arrival time layer, with classes of one hour or another round step.
 
     Args:
         first_s, last_s: The earliest and the latest time in the raster, in seconds.
@@ -122,7 +122,7 @@ def arrival_layer(
 
 
 def arrival_layer_of(fire: Fire, time_zero: datetime | None) -> Layer:
-    """Return the layer of a fire's arrival times, up to the time to which the fire has advanced."""
+    """Return the layer of a fire's arrival times, up to the fire's current time."""
     first_s = float(fire.arrival_time_s.min())
     return arrival_layer(min(first_s, fire.time_s), fire.time_s, time_zero)
 
@@ -136,14 +136,14 @@ def _span(from_s: float, to_s: float, time_zero: datetime | None) -> str:
 
 
 def fuel_groups(codes: NDArray[np.integer]) -> list[FuelGroup]:
-    """Return the groups of burnable codes; custom codes in the array are a further group."""
+    """Return the groups of burnable codes; custom codes in the array form an additional group."""
     standard = {*FUEL_MODELS, *NON_BURNABLE}
     custom = tuple(code for code in np.unique(codes).tolist() if code not in standard)
     return [*FUEL_GROUPS, *([FuelGroup("custom fuel", custom, "#e8b3cf")] if custom else [])]
 
 
 def fuel_layer(codes: NDArray[np.integer]) -> Layer:
-    """Return the layer of fuel codes: a hue for each group, darker for higher codes.
+    """Return the fuel code layer: a hue for each group, darker for higher codes.
 
     Args:
         codes: An array of fuel codes. Codes that are not standard are custom fuels.
@@ -189,7 +189,7 @@ STATE_LAYER = Layer(
     ),
     categorical=True,
 )
-# Adjective classes of Scott & Burgan 2005 (RMRS-GTR-153), in chains an hour.
+# Adjective classes of Scott & Burgan 2005 (RMRS-GTR-153), in chains per hour.
 SPREAD_RATE_LAYER = Layer(
     "spread rate of the front at its arrival, along the slope",
     "m s-1",

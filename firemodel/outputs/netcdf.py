@@ -1,4 +1,4 @@
-"""Write a fire as NetCDF-4 with the CF conventions: behaviour in each cell and state over time."""
+"""Write a fire as NetCDF-4 with CF conventions: behaviour in each cell and state over time."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -33,12 +33,12 @@ from firemodel.spread.fire_scheme import Fire
 if TYPE_CHECKING:
     from netCDF4 import Dataset
 
-MAX_CHUNK = 512  # maximum number of cells of a chunk in each direction
+MAX_CHUNK = 512  # maximum number of cells in a chunk in each direction
 GRID: dict[str, Any] = {"grid_mapping": "crs", "coordinates": "lat lon"}
 
 
 def check_netcdf() -> None:
-    """Raise FireModelError if the library for NetCDF is not installed."""
+    """Raise FireModelError if the NetCDF library is not installed."""
     if find_spec("netCDF4") is None:
         raise FireModelError(
             "NetCDF needs netCDF4, which is not installed; pip install 'mission-service[export]'"
@@ -57,11 +57,10 @@ def write_netcdf(
     The variables (y, x) are arrival_time, spread_rate, spread_toward, flame_length and
     fireline_intensity and, with crown fire, crown_fraction (float32, missing where nothing
     burned), torching_wind and crowning_wind (``crown_winds``; missing where no wind suffices),
-    fuel_model, lat and lon; the
-    variables over time are state (time, y, x) and burned_area (time), the total area of burned
-    cells. The first row is in the north. Without a calendar date the dimension time is named
-    elapsed, because a time axis of the CF conventions requires a date. Equal fires give identical
-    files.
+    fuel_model, lat and lon; the variables over time are state (time, y, x) and burned_area (time),
+    the total area of the burned cells. The first row is in the north. Without a calendar date the
+    dimension time is named elapsed, because a time axis in the CF conventions requires a date.
+    Equal fires give identical files.
 
     Args:
         path: The file to write, in an existing folder.

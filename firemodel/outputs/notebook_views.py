@@ -23,7 +23,7 @@ from firemodel.outputs.layer_legends import arrival_layer_of
 from firemodel.spread.fire_scheme import Fire
 
 DPI = 72  # of the pictures: 864 x 662 pixels
-MAX_FUELS = 5  # number of fuels that are listed
+MAX_FUELS = 5  # number of fuels listed
 
 
 def png_of(thing: Landscape | Fire) -> bytes:

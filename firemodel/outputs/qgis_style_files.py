@@ -7,8 +7,8 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from firemodel.outputs.layer_legends import Layer
 
 DOCTYPE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
-VERSION = "3.22.0"  # version of QGIS in the styles; newer versions can read the styles
-OPACITY = "0.7"  # opacity of a layer, so that the map below remains visible
+VERSION = "3.22.0"  # QGIS version in the styles; newer versions can read them
+OPACITY = "0.7"  # opacity of a layer, so that the map beneath remains visible
 OUTLINE = "35,35,35,255"
 
 
@@ -16,7 +16,7 @@ def raster_qml(layer: Layer) -> str:
     """Return the style of a raster with one band: a colour and a label for each class.
 
     Args:
-        layer: The layer; its classes become the legend.
+        layer: The layer, whose classes become the legend.
 
     Returns:
         The text of a .qml file (XML), with QGIS's renderer ``paletted`` for codes and
@@ -50,7 +50,7 @@ def fronts_qml(layer: Layer) -> str:
     the ground that burned after the previous front.
 
     Args:
-        layer: A layer of times of arrival in seconds.
+        layer: A layer of arrival times in seconds.
 
     Returns:
         The text of a .qml file (XML), with QGIS's renderer ``graduatedSymbol``.

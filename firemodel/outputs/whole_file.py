@@ -13,7 +13,7 @@ from firemodel.errors import FireModelError
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path, which is renamed to ``path`` if the block ends without an error.
 
-    After an error the new file is removed, and a file that existed under ``path`` is unchanged.
+    After an error the new file is removed, and any existing file at ``path`` is unchanged.
 
     Args:
         path: The file to write. Its folder must exist.
@@ -34,7 +34,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def check_target(path: Path) -> None:
-    """Raise OSError if no file can be created or replaced under a path, as for a device."""
+    """Raise OSError if no file can be created or replaced at a path, for example a device."""
     if not path.parent.is_dir():
         raise OSError(errno.ENOENT, os.strerror(errno.ENOENT))
     if path.is_dir():

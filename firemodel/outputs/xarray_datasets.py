@@ -1,7 +1,7 @@
-"""Convert landscapes and fires to datasets of xarray, and datasets to landscapes.
+"""Convert landscapes and fires to xarray datasets, and datasets to landscapes.
 
-Names, dimensions and units are those of ``write_netcdf`` as far as both have a variable. The
-coordinates ``y`` and ``x`` are centres of cells in metres of the CRS; row 0 is in the north.
+Names, dimensions and units are those of ``write_netcdf`` for variables that both contain. The
+coordinates ``y`` and ``x`` are cell centres in CRS metres; row 0 is in the north.
 """
 
 from importlib.util import find_spec
@@ -16,7 +16,7 @@ from firemodel.spread.fire_scheme import Fire
 if TYPE_CHECKING:
     from xarray import Dataset
 
-# For each attribute of a landscape, the variable, its unit and its type.
+# For each attribute of a landscape: the variable, its unit and its type.
 LAYERS = {
     "elevation_m": ("elevation", "m", np.float32),
     "canopy_cover": ("canopy_cover", "1", np.float32),
@@ -25,19 +25,19 @@ LAYERS = {
     "canopy_bulk_density_kg_m3": ("canopy_bulk_density", "kg m-3", np.float32),
 }
 GRADIENT = ("gradient_north", "gradient_east")
-SPACING = 1e-3  # largest difference between spacings of cells, as a fraction of a cell
+SPACING = 1e-3  # largest difference between cell spacings, as a fraction of a cell
 
 
 def to_xarray(thing: Landscape | Fire) -> "Dataset":
-    """Convert a landscape, or a fire with its landscape, to a dataset of xarray.
+    """Convert a landscape, or a fire with its landscape, to an xarray dataset.
 
     Args:
         thing: A landscape, or a fire that has been advanced to the time of interest.
 
     Returns:
         A dataset with the dimensions (y, x), the variables fuel_model, elevation (m),
-        gradient_north and gradient_east (rise over run) and those of the canopy that the landscape
-        has; for a fire also arrival_time (s, NaN where nothing has burned by ``time_s``). The
+        gradient_north and gradient_east (rise over run) and the landscape's canopy variables, if
+        any; for a fire also arrival_time (s, NaN where nothing has burned by ``time_s``). The
         variable ``crs`` has the attributes of the CF conventions.
 
     Raises:
@@ -82,13 +82,13 @@ def to_xarray(thing: Landscape | Fire) -> "Dataset":
 
 
 def from_xarray(dataset: "Dataset") -> Landscape:
-    """Make a landscape from a dataset of xarray with the variables of ``to_xarray``.
+    """Create a landscape from an xarray dataset with the variables of ``to_xarray``.
 
     Args:
         dataset: A dataset with the dimensions (y, x) in either direction, the variable fuel_model,
-            and elevation, or both gradients, or all three; layers of the canopy are optional. The
-            CRS is in the attribute ``crs_wkt`` of the variable ``crs`` or ``spatial_ref``, as
-            written by this function's inverse and by rioxarray. Units are those of ``to_xarray``.
+            and elevation, or both gradients, or all three; canopy layers are optional. The CRS is
+            in the attribute ``crs_wkt`` of the variable ``crs`` or ``spatial_ref``, as written by
+            this function's inverse and by rioxarray. Units are those of ``to_xarray``.
 
     Returns:
         The landscape, with row 0 in the north.

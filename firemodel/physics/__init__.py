@@ -2,5 +2,5 @@
 
 from typing import Literal
 
-# The methods by which crown fire is computed (``crown_fire``).
+# The methods of computing crown fire (``crown_fire``).
 CrownMethod = Literal["none", "rothermel", "scott_reinhardt", "cruz"]

@@ -1,4 +1,4 @@
-"""Compute crown fire from the surface fire below the trees, with one function for each equation.
+"""Compute crown fire from the surface fire below the trees, with one function per equation.
 
 Crowns ignite if the surface fire reaches Van Wagner's critical intensity (1977). The rate of the
 crown fire is that of Rothermel (1991, INT-438), alone or linked with the surface fire by the crown
@@ -29,7 +29,7 @@ METHODS: dict[CrownMethod, int] = {
     "scott_reinhardt": SCOTT_REINHARDT,
     "cruz": CRUZ,
 }
-CROWN_FUEL = 10  # the fuel model whose surface rate Rothermel's crown rate is proportional to
+CROWN_FUEL = 10  # Rothermel's crown rate is proportional to the surface rate of this fuel model
 CROWN_RATE_FACTOR = 3.34
 CROWN_MIDFLAME = 0.4  # ratio of midflame wind to wind at 20 ft in that fuel
 MIN_BASE_M, MIN_FOLIAR_PCT = 0.1, 30.0  # lower limits as in `behave`
@@ -40,7 +40,7 @@ LOW_HEAT_KJ_KG = 8000.0 * KW_M_PER_BTU_FT_S / (KG_M3_PER_LB_FT3 * M_PER_FT**2)
 
 
 def critical_intensity_kw_m(base_height_m: float, foliar_moisture_pct: float) -> float:
-    """Return the intensity of the surface fire that ignites crowns (Van Wagner 1977, eq. 4).
+    """Return the surface fire intensity at which crowns ignite (Van Wagner 1977, eq. 4).
 
     As in `behave`, a base height below 0.1 m counts as 0.1 m, and a foliar moisture below 30 % as
     30 %.
@@ -51,7 +51,7 @@ def critical_intensity_kw_m(base_height_m: float, foliar_moisture_pct: float) ->
 
 
 def critical_rate_m_s(bulk_density_kg_m3: float) -> float:
-    """Return the least rate of an active crown fire (Van Wagner 1977): 3/CBD in m/min."""
+    """Return the minimum rate of an active crown fire (Van Wagner 1977): 3/CBD in m/min."""
     return CRITICAL_MASS_FLOW_KG_M2_S / bulk_density_kg_m3
 
 
@@ -113,7 +113,7 @@ def torching_wind_m_s(
         wind_b: The exponent B of the fuel's wind factor.
         wind_c: The coefficient C of that factor, for wind in m/s.
         by_slope: The slope factor.
-        cos_upslope: Cosine of the angle between wind and upslope; 1 for wind that blows upslope.
+        cos_upslope: Cosine of the angle between wind and upslope; 1 if the wind blows upslope.
         adjustment: Ratio of midflame wind to wind at 20 ft.
     """
     if still_rate_m_s <= 0.0:
@@ -123,7 +123,7 @@ def torching_wind_m_s(
         return 0.0
     if wind_c <= 0.0 or adjustment <= 0.0:
         return math.inf
-    # The positive root w of |w + s| = factor, for the slope's effect s.
+    # The positive root w of |w + s| = factor, where s is the effect of the slope.
     along = by_slope * cos_upslope
     across2 = by_slope * by_slope - along * along
     by_wind = math.sqrt(factor * factor - across2) - along
@@ -152,7 +152,7 @@ def excess_crown_fraction(rate_m_s: float, initiation_m_s: float) -> float:
 
 
 def cruz_still_factor(dead_1h_pct: float) -> float:
-    """Return the factor of the moisture of fine dead fuel in ``cruz_active_rate_m_s``."""
+    """Return the factor for the moisture of fine dead fuel in ``cruz_active_rate_m_s``."""
     return math.exp(-0.17 * dead_1h_pct)
 
 

@@ -1,7 +1,7 @@
-"""Compute the moisture of dead fuel from air, sun and rain by Nelson's model of a stick (2000).
+"""Compute the moisture of dead fuel from air, sun and rain with Nelson's stick model (2000).
 
-``stick_kernels`` has the equations. The sticks of the 1-h, 10-h and 100-h fuels are those of the
-Forest Service's National Fire Danger Rating System (NFDRS4).
+``stick_kernels`` contains the equations. The sticks of the 1-h, 10-h and 100-h fuels are those of
+the Forest Service's National Fire Danger Rating System (NFDRS4).
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from firemodel.physics.stick_kernels import (
     set_diffusivities,
 )
 
-PRESSURE_CAL_CM3 = 0.0218  # of the air, as in NFDRS4
+PRESSURE_CAL_CM3 = 0.0218  # pressure of the air, as in NFDRS4
 W_M2_PER_CAL_CM2_H = 94.743  # sunlight absorbed by a stick, as in NFDRS4
 WALL_DENSITY_G_CM3, STICK_LENGTH_CM = 1.53, 41.0
 
@@ -73,11 +73,11 @@ def stick_moistures(
     rain_cm: Floats,
     initial: float,
 ) -> Floats:
-    """Return the mean moisture (n,) of a stick at n records of the weather, as a fraction.
+    """Return the mean moisture (n,) of a stick at n weather records, as a fraction.
 
     Args:
         terms: The stick (``STICKS`` or ``stick_terms``).
-        at_s: Times of the records in seconds (n); they increase.
+        at_s: Times of the records in seconds (n), in increasing order.
         temperature_c: Temperature of the air (n), -60 to 60.
         humidity: Relative humidity (n), a fraction above 0.
         sun_w_m2: Sunlight on the stick (n). Between records, temperature, humidity and sunlight are

@@ -17,7 +17,7 @@ def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float 
 
     The equation is Simard's (1968, FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985
     (PSW-82), eq. 1. The equation has three parts, with jumps of up to one percentage point of
-    moisture between the parts.
+    moisture between them.
     """
     t = np.asarray(temperature_c) * 1.8 + 32.0
     h = np.asarray(humidity_pct)
@@ -64,7 +64,7 @@ def dead_moistures_pct(
     rain_mm: Floats,
     initial_pct: tuple[float, float, float],
 ) -> Floats:
-    """Return the moistures (n, 3) of 1-h, 10-h and 100-h fuel from n records of weather.
+    """Return the moistures (n, 3) of 1-h, 10-h and 100-h fuel from n weather records.
 
     The times must increase. Each record is in effect until the next. The effect of rain depends on
     the duration of the rain, not on the amount. The moistures at the first time are

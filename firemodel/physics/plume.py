@@ -1,9 +1,9 @@
-"""Compute the warm air above a line of fire: its temperature, its height and its updraught.
+"""Compute the temperature, height and updraught of the warm air above a line of fire.
 
-Temperatures are those of Van Wagner's equation for the scorch height in wind (1973, Can. J. For.
-Res. 3, 373-378), in SI units (Alexander & Cruz 2012, Int. J. Wildland Fire 21, 95-113). Its form is
-that of the theory of line plumes in neutral air, in which the warming falls with the height, and
-its constants are those of 13 fires of 67 to 1255 kW/m, measured up to 17 m above the ground. Other
+Temperatures follow Van Wagner's equation for the scorch height in wind (1973, Can. J. For. Res. 3,
+373-378), in SI units (Alexander & Cruz 2012, Int. J. Wildland Fire 21, 95-113). Its form follows
+from the theory of line plumes in neutral air, in which the warming decreases with height. Its
+constants come from 13 fires of 67 to 1255 kW/m, measured up to 17 m above the ground. Other
 intensities and heights are extrapolations. The functions take numbers or arrays.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from firemodel.arrays import Floats
 
 SCORCH = 0.74183  # K m, with kW/m and m/s
-BUOYANCY = 0.025574  # m³/s³ for each kW/m
+BUOYANCY = 0.025574  # m³/s³ per kW/m
 UPDRAUGHT = 1.80  # at the centre of a line plume (Rouse, Yih & Humphreys 1952, Tellus 4, 201-210)
 GRAVITY_M_S2, AIR_KG_M3, AIR_KJ_KG_K, AIR_K = 9.81, 1.2, 1.005, 293.0
 
@@ -31,12 +31,12 @@ def _warming_metres(intensity_kw_m: Any, wind_m_s: Any) -> Floats:
 def warming_k(intensity_kw_m: Any, wind_m_s: Any, height_m: Any) -> Floats:
     """Return the warming of the air at a height above a line of fire (Van Wagner 1973).
 
-    The result is that of the centre of the plume, which wind tilts and cools.
+    The result applies to the centre of the plume, which the wind tilts and cools.
 
     Args:
         intensity_kw_m: Fireline intensity.
         wind_m_s: Wind near the flames.
-        height_m: Height above the ground, above 0.
+        height_m: Height above the ground, greater than 0.
 
     Returns:
         The warming in K; NaN where the intensity is NaN.
@@ -53,10 +53,10 @@ def warm_height_m(intensity_kw_m: Any, wind_m_s: Any, max_warming_k: Any) -> Flo
 
 
 def updraught_m_s(intensity_kw_m: Any) -> Floats:
-    """Return the vertical wind at the centre of the plume of a line of fire in calm, neutral air.
+    """Return the vertical wind at the centre of the plume over a line of fire in calm, neutral air.
 
-    This wind does not depend on the height (Rouse et al. 1952). The whole heat of the fire is
-    assumed to heat the air; if 30 % of it is radiated, the result is 11 % lower.
+    This wind does not depend on the height (Rouse et al. 1952). All of the fire's heat is assumed
+    to heat the air; if 30 % of the heat is radiated, the result is 11 % lower.
     """
     heat = np.asarray(intensity_kw_m, dtype=np.float64) / (AIR_KG_M3 * AIR_KJ_KG_K * AIR_K)
     return np.asarray(UPDRAUGHT * np.cbrt(GRAVITY_M_S2 * heat))

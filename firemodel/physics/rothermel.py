@@ -1,4 +1,4 @@
-"""Compute surface fire spread with Rothermel's model, with one function for each equation.
+"""Compute surface fire spread with Rothermel's model; there is one function per equation.
 
 The model is from Rothermel 1972 (INT-115), with Albini's revisions of 1976, as described by Andrews
 2018 (RMRS-GTR-371). Where these publications allow alternatives, this module follows the Forest
@@ -252,8 +252,8 @@ def wind_limit_ft_min(reaction_intensity_btu_ft2_min: float) -> float:
 def slope_factor(bed: FuelBed, slope_tan: float | Floats) -> float | Floats:
     """Return the slope factor φ_s (Rothermel 1972, eq. 51).
 
-    As in `behave`, the factor is at most the number of ft/min in the wind limit. The limit matters
-    only on steep slopes with fuel near its extinction moisture.
+    As in `behave`, the factor is at most the numerical value of the wind limit in ft/min. The limit
+    matters only on steep slopes with fuel near its extinction moisture.
     """
     limit = wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
     return np.minimum(bed.slope_k * np.square(slope_tan), limit)

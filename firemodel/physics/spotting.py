@@ -1,10 +1,10 @@
-"""Compute how far firebrands fly and whether they ignite, with one function for each equation.
+"""Compute how far firebrands fly and whether they ignite fuel, with one function per equation.
 
 Distances are maximum distances, over flat ground or between a ridge and a valley: from torching
 trees (Albini 1979, INT-56), burning piles (Albini 1981, INT-309), surface fires without trees
 (Albini 1983, INT-309; Morris 1987, INT-374) and active crown fires (Albini, Alexander & Cruz 2012,
-Int. J. Wildland Fire 21, 609-627). Probabilities of ignition are those of firebrands (Schroeder
-1969) and of lightning (Latham & Schlieter 1989, INT-411). Where the publications allow
+Int. J. Wildland Fire 21, 609-627). Probabilities of ignition are computed for firebrands (Schroeder
+1969) and for lightning (Latham & Schlieter 1989, INT-411). Where the publications allow
 alternatives, this module follows the Forest Service's `behave`. The functions take SI units.
 """
 
@@ -45,23 +45,23 @@ SPECIES = {
     "shortleaf_pine": Species(_SOUTHERN, (7.91, -0.344)),
     "loblolly_pine": Species(_SOUTHERN, (13.5, -0.544)),
 }
-# Factor and exponent of the duration in the height of firebrands over the flame's height.
+# Factor and exponent of the flame duration in the ratio of firebrand height to flame height.
 _TALL_TREES, _TREES, _SHORT, _STEADY = (4.24, 0.332), (3.64, 0.391), (2.78, 0.418), (4.70, 0.0)
-# Quarter turns of the phase between ridge and valley at which the fire is.
+# The index is the phase of the fire's location between ridge and valley, in quarter turns.
 LOCATIONS = ("midslope_windward", "valley_bottom", "midslope_leeward", "ridge_top")
 
 
 def cover_height_ft(firebrand_height_ft: float, cover_ft: float) -> float:
-    """Return the height of the downwind cover that is used: at least a minimum (Albini 1979)."""
+    """Return the height to use for the downwind cover: at least a minimum (Albini 1979)."""
     if firebrand_height_ft < LITTLE:
         return max(cover_ft, 0.0)
     return max(cover_ft, 2.2 * math.pow(firebrand_height_ft, 0.337) - 4.0)
 
 
 def flat_distance_m(firebrand_height_m: float, cover_m: float, wind_20ft_m_s: float) -> float:
-    """Return the distance over flat ground from the height of a firebrand (Albini 1979).
+    """Return the distance over flat ground from the firebrand height (Albini 1979).
 
-    ``cover_m`` is the height of the trees downwind; for open stands, give half of the height.
+    ``cover_m`` is the height of the trees downwind; for open stands, give half of this height.
     """
     height_ft = firebrand_height_m / M_PER_FT
     cover_ft = cover_height_ft(height_ft, cover_m / M_PER_FT)
@@ -80,11 +80,11 @@ def mountain_distance_m(
 
     Args:
         flat_m: The distance over flat ground.
-        location: The place of the fire, one of ``LOCATIONS``.
+        location: The location of the fire, one of ``LOCATIONS``.
         ridge_to_valley_m: Horizontal distance between ridge and valley.
         relief_m: Height of the ridge above the valley; 0 gives the distance over flat ground.
 
-    The equation (Albini 1979) is solved by six fixed-point passes, as in `behave`.
+    The equation (Albini 1979) is solved with six fixed-point iterations, as in `behave`.
     """
     if relief_m < LITTLE or ridge_to_valley_m < LITTLE:
         return flat_m
@@ -100,12 +100,12 @@ class Torching(NamedTuple):
     """The flame of trees that torch together (Albini 1979), and the height of its firebrands."""
 
     flame_height_m: float
-    flame_duration: float  # without dimension
+    flame_duration: float  # dimensionless
     firebrand_height_m: float
 
 
 def torching_trees(species: str, dbh_m: float, tree_height_m: float, trees: float) -> Torching:
-    """Return the flame and the height of firebrands of ``trees`` that torch together.
+    """Return the flame and the firebrand height of a number of ``trees`` that torch together.
 
     ``species`` is a key of ``SPECIES``; ``dbh_m`` is the diameter at breast height.
     """
@@ -140,7 +140,7 @@ def surface_firebrand_height_m(flame_length_m: float, wind_20ft_m_s: float) -> f
 
 
 def surface_distance_m(flame_length_m: float, cover_m: float, wind_20ft_m_s: float) -> float:
-    """Return the distance over flat ground from a surface fire: from the height, and the drift."""
+    """Return the distance over flat ground from a surface fire, including the drift."""
     height_m = surface_firebrand_height_m(flame_length_m, wind_20ft_m_s)
     if height_m < LITTLE:
         return 0.0
@@ -153,7 +153,7 @@ def surface_distance_m(flame_length_m: float, cover_m: float, wind_20ft_m_s: flo
 WIND_HEIGHT_M = 6.096
 GRAVITY_M_S2 = 9.82
 EMBER_MM = 0.5  # diameter of a firebrand when it lands
-STEP = 0.2  # of the plume's axis, in canopy heights
+STEP = 0.2  # step along the plume's axis, in canopy heights
 MAX_STEPS = 50_000
 MIN_CROWN_KW_M = 1000.0
 
@@ -166,10 +166,10 @@ def canopy_wind_m_s(canopy_m: float, wind_20ft_m_s: float) -> float:
 
 @kernel
 def crown_flame_height_m(canopy_m: float, wind_m_s: float, intensity_kw_m: float) -> float:
-    """Return the height of the flames above the canopy, in a wind at its top.
+    """Return the height of the flames above the canopy, for the wind at the canopy top.
 
-    The height follows from y ln y = c with y = 1 + 2.94 height/canopy, which is bisected to a
-    difference of 1e-6, as in `behave`.
+    The height follows from y ln y = c with y = 1 + 2.94 height/canopy, which is solved by bisection
+    to within 1e-6, as in `behave`.
     """
     target = 7.791e-3 * intensity_kw_m / (canopy_m * wind_m_s)
     low, high = 1.0, math.exp(min(target, 500.0))
@@ -183,7 +183,7 @@ def crown_flame_height_m(canopy_m: float, wind_m_s: float, intensity_kw_m: float
 
 
 class Plume(NamedTuple):
-    """The bent plume above a flame, in canopy heights and the wind at the canopy's top."""
+    """The bent plume above a flame, in units of canopy height and of wind at the canopy top."""
 
     wind: float  # as a Froude number
     flame_height: float
@@ -210,9 +210,10 @@ def crown_plume(canopy_m: float, wind_m_s: float, flame_height_m: float) -> Plum
 def crown_loft(plume: Plume, eta: float) -> tuple[float, float]:
     """Return how far and how high the plume carries a firebrand, in canopy heights.
 
-    The firebrand leaves the plume where its lift is too small. ``eta`` is the ratio of the
-    diameters at the top and that burns on a fall of a canopy's height. The plume is followed in
-    steps of ``STEP``, so that the height is a step function, as in `behave`.
+    The firebrand leaves the plume where the plume's lift is too small. ``eta`` is the firebrand's
+    diameter at the canopy top, divided by the diameter that burns away in a fall of one canopy
+    height. The plume is followed in steps of ``STEP``, so that the height is a step function, as in
+    `behave`.
     """
     sine, cosine = math.sin(plume.angle), math.cos(plume.angle)
     speed = math.hypot(plume.horizontal, plume.upward)
@@ -245,7 +246,7 @@ def crown_loft(plume: Plume, eta: float) -> tuple[float, float]:
 def crown_distance_m(canopy_m: float, intensity_kw_m: float, wind_20ft_m_s: float) -> float:
     """Return the distance over flat ground from an active crown fire.
 
-    ``canopy_m`` is the height of the trees; for open stands downwind, give half of the height. The
+    ``canopy_m`` is the height of the trees; for open stands downwind, give half of this height. The
     distance is 0 below ``MIN_CROWN_KW_M``.
     """
     if canopy_m <= 0.1 or wind_20ft_m_s <= 0.1 / 3.6 or intensity_kw_m < MIN_CROWN_KW_M:
@@ -270,7 +271,7 @@ def firebrand_flights(intensity_kw_m: float, wind_m_s: float) -> tuple[float, fl
 
     Sardoy et al., Combustion & Flame 154, 478-488, for the wind at the top of the canopy, with the
     Froude number of Perryman et al. (2013, Int. J. Wildland Fire 22, 350-358), which separates
-    plumes that are driven by buoyancy from plumes that are driven by the wind.
+    buoyancy-driven plumes from wind-driven plumes.
     """
     intensity_mw_m = intensity_kw_m / 1000.0
     length_m = (1000.0 * intensity_kw_m / (1.1 * 1121.0 * 300.0 * math.sqrt(9.8))) ** (2.0 / 3.0)
@@ -292,7 +293,7 @@ def fuel_temperature_c(air_temperature_c: float, shade: float) -> float:
 def firebrand_ignition_probability(temperature_c: float, fine_moisture: float) -> float:
     """Return the probability that a firebrand ignites fine dead fuel (Schroeder 1969).
 
-    ``temperature_c`` is that of the fuel; the moisture is a fraction.
+    ``temperature_c`` is the fuel temperature; the moisture is a fraction.
     """
     heat = 144.51 - 0.266 * temperature_c - 0.00058 * temperature_c**2
     heat += -temperature_c * fine_moisture + 640.0 * fine_moisture
@@ -303,7 +304,7 @@ def firebrand_ignition_probability(temperature_c: float, fine_moisture: float) -
 class LightningFuel(NamedTuple):
     """How the probability of ignition by a continuing current depends on the fuel.
 
-    The coefficients (a, b) are those of positive and of negative strokes. "exponential" and
+    The coefficients (a, b) are given for positive and for negative strokes. "exponential" and
     "linear" are functions of the 100-h moisture in percent, a exp(-b x) and a - b x; "logistic" is
     a function of the duff's depth in cm, 1 / (1 + exp(a - b x)).
     """
@@ -313,7 +314,7 @@ class LightningFuel(NamedTuple):
     negative: tuple[float, float]
 
     def probability(self, positive: bool, hundred_hour_pct: float, duff_depth_cm: float) -> float:
-        """Return the probability for a stroke of one sign."""
+        """Return the probability for a stroke of the given polarity."""
         form = self.form
         if not positive and self is HIGH_ALTITUDE:
             form = "linear"
@@ -343,12 +344,12 @@ POSITIVE_SHARE = 0.277  # of all strokes
 def lightning_ignition_probability(
     fuel: str, hundred_hour_pct: float, duff_depth_cm: float, charge: str
 ) -> float:
-    """Return the probability that a lightning stroke ignites (Latham & Schlieter 1989).
+    """Return the probability that a lightning stroke ignites the fuel (Latham & Schlieter 1989).
 
     Args:
         fuel: A key of ``LIGHTNING``.
-        hundred_hour_pct: Moisture of the 100-h fuel, at most 40 % is used.
-        duff_depth_cm: Depth of the duff, at most 10 cm is used.
+        hundred_hour_pct: Moisture of the 100-h fuel; more than 40 % counts as 40 %.
+        duff_depth_cm: Depth of the duff; more than 10 cm counts as 10 cm.
         charge: "negative", "positive" or "unknown".
     """
     wet_pct, depth_cm = min(hundred_hour_pct, 40.0), min(duff_depth_cm, 10.0)

@@ -6,8 +6,8 @@ flow of capillary water, bound water and heat between the nodes, by implicit fin
 
 Source: Nelson, Can. J. For. Res. 30, 1071-1087 (2000), with the parameters and the order of the
 steps of Bevins' program (2005), which is part of the Forest Service's NFDRS4. The program computes
-the first pass of an update twice; this is kept, so that results can be compared. Units are those of
-the publication: cm, g, cal, h, °C. Moistures are in g of water per g of dry wood.
+the first pass of an update twice; this is retained so that results can be compared. Units are those
+of the publication: cm, g, cal, h, °C. Moistures are in g of water per g of dry wood.
 """
 
 import math
@@ -17,18 +17,18 @@ from firemodel.compiled import kernel
 
 PORE_LENGTH_CM, PORE_RADIUS_CM = 0.0023, 0.5 * 0.8 * 0.0023
 SURFACE_TENSION_DYN_CM = 72.8
-PERMEABILITY_CM2 = 2.0e-13  # of wood whose pores are filled
+PERMEABILITY_CM2 = 2.0e-13  # of wood with filled pores
 PSYCHROMETER = 0.000772  # 1/K
 HEAT_DIFFUSIVITY_CM2_H = 8.0
 KELVIN = 273.2  # 0 °C, as rounded in the program
 MAX_HUMIDITY, LOG_MAX_HUMIDITY = 0.99, 4.60517  # humidity of a wet surface; -ln(1 - humidity)
-MIN_FLOW, FULL_FLOW = 0.0714285, 0.285714  # saturations of pores between which water flows
+MIN_FLOW, FULL_FLOW = 0.0714285, 0.285714  # pore saturations between which water flows
 MAX_TEMPERATURE_C = 71.0
 LITTLE = 1e-6
 SUN_CAL_CM2_H = 14.82052  # sunlight relative to this amount decides whether it is day
 DAY_COOLING, NIGHT_COOLING = 0.116171, 0.112467  # cal/(cm² h K), heat lost by radiation
 DAY_SKY_C, NIGHT_SKY_C = 6.0, 3.0
-SHARE_IN_FALLING_HUMIDITY = 0.15  # of the rain that wood takes up while the humidity falls
+SHARE_IN_FALLING_HUMIDITY = 0.15  # factor of the rain uptake while the humidity falls
 
 
 class StickTerms(NamedTuple):
@@ -44,11 +44,11 @@ class StickTerms(NamedTuple):
     rain_uptake: float
     max_moisture: float
     node_distance_cm: float
-    vapour_transfer: float  # heat transfer as transfer of vapour
+    vapour_transfer: float  # heat transfer converted to vapour transfer
     evaporation: float
     capillary_evaporation: float
     capillary_pressure: float
-    pore_moisture: float  # moisture of wood whose pores are filled
+    pore_moisture: float  # moisture of wood with filled pores
 
 
 class Air(NamedTuple):
@@ -61,7 +61,7 @@ class Air(NamedTuple):
 
 @kernel
 def vapour_pressure(temperature_k):  # type: ignore[no-untyped-def]
-    """Return the pressure of saturated vapour in cal/cm³."""
+    """Return the saturation vapour pressure in cal/cm³."""
     return 0.0000239 * math.exp(20.58 - 5205.0 / temperature_k)
 
 
@@ -104,8 +104,8 @@ def set_diffusivities(nodes, surface, pressure, terms):  # type: ignore[no-untyp
 def diffuse(nodes, row, before, factors, store):  # type: ignore[no-untyped-def]
     """Compute one step of a quantity in the nodes between surface and centre.
 
-    ``before`` has the quantity before the step, ``factors`` the conductances of the nodes, and
-    ``store`` the capacity of a node for each of its positions.
+    ``before`` contains the quantity before the step, ``factors`` the conductances of the nodes, and
+    ``store`` the capacity of each node.
     """
     for node in range(1, nodes.shape[1] - 1):
         out, inward, kept = factors[node - 1], factors[node + 1], store[node]
@@ -118,9 +118,9 @@ def diffuse(nodes, row, before, factors, store):  # type: ignore[no-untyped-def]
 def wet_surface(nodes, surface, air, rain, step_h, pressure, terms):  # type: ignore[no-untyped-def]
     """Set temperature, moisture and saturation of the surface in one pass.
 
-    ``rain`` is the gain of moisture in this pass, or negative without rain. ``surface`` gets the
-    moisture of fibre saturation and the humidity at the surface. The results are: True if nothing
-    changes; the kinematic viscosity; the moisture that the pores can take up.
+    ``rain`` is the gain in moisture in this pass; it is negative if there is no rain. ``surface``
+    receives the fibre-saturation moisture and the humidity at the surface. The results are whether
+    nothing changes, the kinematic viscosity, and the moisture that the pores can take up.
     """
     air_k = air.temperature_c + KELVIN
     dew_k = 5205.0 / (5205.0 / air_k - math.log(air.humidity))
@@ -183,8 +183,8 @@ def move_water(nodes, surface, viscosity, pores, step_h, work, terms):  # type: 
     """Compute the flow of water between the nodes in one pass.
 
     Capillary water flows through pores whose saturation is between two limits. If all pores between
-    surface and centre are filled that far, their water is the moisture; otherwise bound water and
-    vapour diffuse.
+    surface and centre are filled to this extent, their water is the moisture; otherwise bound water
+    and vapour diffuse.
     """
     count, distance_cm = nodes.shape[1], terms.node_distance_cm
     moisture, before, saturated, factors, store = work
@@ -235,9 +235,9 @@ def move_heat(nodes, step_h, work, terms):  # type: ignore[no-untyped-def]
 def update(nodes, surface, before, after, rain_cm, hours, pressure, work, terms):  # type: ignore[no-untyped-def]
     """Advance one stick by ``hours``, between two records of the air (``Air``).
 
-    ``nodes`` (4, nodes) has moisture, temperature, saturation of pores and diffusivity; ``surface``
-    has the moisture of fibre saturation and the humidity at the surface; ``work`` (5, nodes) is
-    overwritten.
+    ``nodes`` (4, nodes) contains moisture, temperature, saturation of pores and diffusivity;
+    ``surface`` contains the fibre-saturation moisture and the humidity at the surface; ``work`` (5,
+    nodes) is overwritten.
     """
     step_h, between_h = hours / terms.passes, hours / terms.diffusivity_updates
     rain = -1.0
@@ -280,10 +280,11 @@ def mean_moisture(nodes, terms):  # type: ignore[no-untyped-def]
 
 @kernel
 def moistures(air, rain_cm, hours, nodes, surface, work, pressure, terms, found):  # type: ignore[no-untyped-def]
-    """Compute the mean moisture of a stick at each record of the weather.
+    """Compute the mean moisture of a stick at each weather record.
 
-    ``air`` (records, 3) has the fields of ``Air``; ``rain_cm`` and ``hours`` (records) are those
-    since the previous record. ``nodes`` and ``surface`` have the state at the first record.
+    ``air`` (records, 3) contains the fields of ``Air``; ``rain_cm`` and ``hours`` (records) are
+    those since the previous record. ``nodes`` and ``surface`` contain the state at the first
+    record.
     """
     found[0] = mean_moisture(nodes, terms)
     for record in range(1, air.shape[0]):

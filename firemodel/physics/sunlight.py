@@ -1,10 +1,9 @@
-"""Compute the sunlight on sloping ground below clouds and trees.
+"""Compute the sunlight on sloping ground under clouds and trees.
 
-The sunlight under a clear sky is the sum of the direct beam, weakened by the air, and the diffuse
+The sunlight under a clear sky is the sum of the direct beam, attenuated by the air, and the diffuse
 light of the sky (Liu & Jordan 1960, Solar Energy 4(3), 1-19; as in Campbell & Norman 1998, ch. 11).
 Clouds reduce the beam and the diffuse light (Kasten & Czeplak 1980, Solar Energy 24, 177-189).
-Crowns reduce the sunlight in proportion to the canopy cover. Ridges that hide the sun are not
-considered.
+Crowns reduce the sunlight in proportion to the canopy cover. Shading by ridges is not considered.
 """
 
 from datetime import datetime
@@ -15,10 +14,10 @@ import numpy as np
 from firemodel.arrays import Floats
 
 SOLAR_CONSTANT_W_M2 = 1361.0
-CLEAR_AIR = 0.70  # share of the beam that passes the air vertically at sea level
+CLEAR_AIR = 0.70  # fraction of a vertical beam that reaches sea level
 SCALE_HEIGHT_M = 8200.0  # the pressure of the air falls to 1/e over this height
 MIN_SIN_ELEVATION = 0.035  # 2°; the beam of a lower sun is neglected
-MIN_MEASURED_SIN = 0.10  # of a lower sun, measurements are not used
+MIN_MEASURED_SIN = 0.10  # measurements under a lower sun are not used
 
 
 class Sun(NamedTuple):
@@ -58,9 +57,9 @@ def clear_sunlight_w_m2(
     rise_north: float | Floats,
     rise_east: float | Floats,
 ) -> Floats:
-    """Return the sunlight (n) on ground with this rise per metre, below a clear sky.
+    """Return the sunlight (n) on ground with the given rise per metre, under a clear sky.
 
-    For one time, elevation and rises may be arrays of one shape, which the result has.
+    For one time, elevation and rises may be arrays of the same shape, which the result also has.
     """
     north, east, up = sun.direction
     lit = up > 0.0
@@ -75,15 +74,15 @@ def clear_sunlight_w_m2(
 
 
 def share_below_clouds(cloud_fraction: Floats) -> Floats:
-    """Return the share of the sunlight that passes clouds (Kasten & Czeplak 1980)."""
+    """Return the fraction of the sunlight that passes through clouds (Kasten & Czeplak 1980)."""
     share: Floats = 1.0 - 0.75 * np.asarray(cloud_fraction) ** 3.4
     return share
 
 
 def measured_share(sun: Sun, elevation_m: float, measured_w_m2: Floats) -> Floats:
-    """Return measured sunlight on level ground as a share (n) of that of a clear sky, at most 1.2.
+    """Return the ratio (n) of measured to clear-sky sunlight on level ground, at most 1.2.
 
-    While the sun is low, the share is interpolated from the hours before and after.
+    While the sun is low, the ratio is interpolated from the hours before and after.
     """
     clear = clear_sunlight_w_m2(sun, elevation_m, 0.0, 0.0)
     high = sun.direction[2] > MIN_MEASURED_SIN

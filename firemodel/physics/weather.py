@@ -24,15 +24,15 @@ DeadMoistures = tuple[float, float, float]  # of 1-h, 10-h and 100-h fuel, as fr
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """The weather from ``at_s`` on.
+    """The weather in effect from ``at_s`` on.
 
     The wind speed is the speed 6.1 m (20 ft) above the vegetation. The wind direction is the
     direction from which the wind blows, in degrees clockwise from true north. Moistures are in
     percent of the oven-dry weight. ``of_fuels`` contains pairs of a fuel code and its moistures
-    (fractions), for fuels with moistures of their own. ``of_zones`` contains the dead moistures in
-    each zone of a landscape (``moisture_zones``), or nothing if they are the same everywhere.
-    With ``wind_field``, wind speed and direction are those of the whole landscape, and the local
-    wind is relative to them.
+    (fractions), for fuels with their own moistures. ``of_zones`` contains the dead moistures in
+    each zone of a landscape (``moisture_zones``), or nothing if these moistures are the same
+    everywhere. With ``wind_field``, wind speed and direction apply to the whole landscape, and the
+    local wind is relative to them.
     """
 
     at_s: float
@@ -50,8 +50,8 @@ class Weather:
     def moisture_of(self, code: int, zone: int = 0) -> Moisture:
         """Return the moistures of a fuel in a zone as fractions.
 
-        Dead moistures in ``of_zones`` take precedence over moistures in ``of_fuels``, and these
-        over the others.
+        Dead moistures in ``of_zones`` take precedence over moistures in ``of_fuels``, which take
+        precedence over the others.
         """
         found = dict(self.of_fuels).get(code, self.moisture)
         if not self.of_zones:
@@ -78,7 +78,7 @@ class Weather:
         return replace(self, **dead, of_fuels=tuple(own), of_zones=tuple(zones))  # type: ignore[arg-type]
 
     def in_wind(self, speed_m_s: float, from_deg: float) -> "Weather":
-        """Return this entry with another wind, and the local winds that belong to it."""
+        """Return this entry with another wind and the corresponding local winds."""
         field = self.wind_field
         if field is not None:
             field = field.turned(from_deg - self.wind_from_deg)
@@ -102,8 +102,8 @@ class WeatherSource(NamedTuple):
     """The file from which a stream was read, for messages about the records in the file.
 
     ``start`` is the time in the file that is 0 s of the stream, or None if the times in the file
-    are in seconds. ``humidity_pct`` has the humidity of each entry of the stream, or is None if the
-    file contains no humidity.
+    are in seconds. ``humidity_pct`` contains the humidity of each entry of the stream, or is None
+    if the file contains no humidity.
     """
 
     name: str
@@ -118,7 +118,7 @@ class WeatherSource(NamedTuple):
 
 
 class WeatherStream:
-    """Weather entries in order of time, the first at 0 s or earlier."""
+    """Weather entries in chronological order, the first at 0 s or earlier."""
 
     def __init__(self, entries: Sequence[Weather], source: WeatherSource | None = None) -> None:
         """Raise FireModelError for an invalid entry; the message names the entry and the value."""
@@ -141,11 +141,11 @@ class WeatherStream:
         self._times = [entry.at_s for entry in entries]
 
     def index_at(self, time_s: float) -> int:
-        """Return the index of the entry in effect at a time."""
+        """Return the index of the entry in effect at the given time."""
         return max(bisect.bisect_right(self._times, time_s) - 1, 0)
 
     def weather_at(self, time_s: float) -> Weather:
-        """Return the entry in effect at a time."""
+        """Return the entry in effect at the given time."""
         return self.entries[self.index_at(time_s)]
 
     def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
@@ -154,7 +154,7 @@ class WeatherStream:
         return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
 
     def since(self, time_s: float) -> "WeatherStream":
-        """Return the stream from a time on.
+        """Return the stream from the given time on.
 
         The entry in effect at that time is extended back to 0 s.
         """
@@ -232,7 +232,7 @@ def wind_adjustment_factor(
     """Return the ratio of the midflame wind to the wind 20 ft above the vegetation (Andrews 2012).
 
     The fuel depth is in ft; canopy cover and crown ratio are fractions. All arguments are numbers
-    or arrays of one shape. Crowns are assumed to be cones. The cones fill a fraction of
+    or arrays of the same shape. Crowns are assumed to be cones. The cones fill the fraction
     ``canopy_cover * crown_ratio / 3`` of the volume below the tree tops. Fuel is sheltered if
     crowns fill at least 5 % of the volume and, as in `behave`, the canopy is at least 6 ft high.
     See RMRS-GTR-266. Raises FireModelError for a cover or ratio outside 0 to 1.

@@ -1,10 +1,10 @@
-"""Describe wind that differs from place to place, relative to the wind of a weather entry.
+"""Describe wind that varies from place to place, relative to the wind of a weather entry.
 
 A wind is a complex number in m/s: the component toward grid north, plus i times the component
-toward grid east. A product of two such numbers multiplies the speeds and adds the directions
-(clockwise). The local wind is the wind of the entry times a local ratio. A change of the entry's
-wind (errors of an ensemble, learned inputs, a report of the wind) therefore changes the wind
-everywhere by the same factor and angle.
+toward grid east. Multiplying two such numbers multiplies the speeds and adds the directions
+(clockwise). The local wind is the entry's wind times a local ratio. A change in the entry's wind
+(ensemble errors, learned inputs, a wind report) therefore changes the wind everywhere by the same
+factor and angle.
 """
 
 import cmath
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 
-MAX_GRIDS_OF_FIELD = 2  # grids of which a field may be the sum
+MAX_GRIDS_OF_FIELD = 2  # maximum number of grids in the sum of a field
 OPPOSED = 1e-6  # a vector mean below this fraction of the mean speed has no direction
 ROWS_AT_ONCE = 256  # grids are summed in blocks to save memory
 
@@ -64,9 +64,9 @@ class WindGrids:
 class WindField:
     """The ratio of the local wind to the wind of a weather entry.
 
-    The ratio is the sum of one or two ``grids``, each multiplied by a complex number: ``parts`` has
-    pairs of the number of a grid and its factor. A field between two grids of a stack can
-    thus be interpolated without a further grid.
+    The ratio is the sum of one or two ``grids``, each multiplied by a complex number: ``parts``
+    contains pairs of a grid's index and its factor. A field between two grids of a stack can thus
+    be interpolated without an additional grid.
     """
 
     grids: WindGrids
@@ -97,17 +97,17 @@ class WindField:
         return found
 
     def turned(self, turn_deg: float) -> "WindField":
-        """Return the field for a wind of the entry that is turned clockwise."""
+        """Return the field for the entry's wind turned clockwise."""
         if self.toward_grid_deg is None:
             return self
         return response_field(self.grids, self.toward_grid_deg + turn_deg)
 
 
 def response_field(grids: WindGrids, toward_grid_deg: float) -> WindField:
-    """Return the field of an entry's wind in this direction from the responses of the terrain.
+    """Return the field of an entry's wind in this direction, from the terrain's responses.
 
     The two grids are the local wind for an entry's wind of 1 m/s toward grid north, and toward grid
-    east. The local wind for other directions is a sum of the two local winds.
+    east. The local wind for any other direction is a weighted sum of these two local winds.
     """
     toward = cmath.rect(1.0, math.radians(toward_grid_deg))
     parts = ((0, toward.real / toward), (1, toward.imag / toward))
@@ -125,21 +125,21 @@ class MeanWind(NamedTuple):
 def field_of(ratio: NDArray[np.floating]) -> WindField:
     """Return the field of a ratio (2, y, x): the real and the imaginary part.
 
-    The local wind is the wind of the entry, multiplied by the modulus of the ratio and turned
-    clockwise by its argument. Raises FireModelError for an array of another shape.
+    The local wind is the entry's wind, multiplied by the modulus of the ratio and turned clockwise
+    by its argument. Raises FireModelError for an array of another shape.
     """
     return WindField(WindGrids(np.asarray(ratio)[None]), ((0, 1.0 + 0.0j),))
 
 
 def mean_wind(grids: WindGrids, shares: Sequence[tuple[int, float]]) -> MeanWind:
-    """Return the wind of a sum of grids of winds (m/s), relative to its mean.
+    """Return the wind of a weighted sum of wind grids (m/s), relative to its mean.
 
     The speed is the mean of the local speeds, and the direction is that of the mean vector. If
     local winds cancel each other, the direction is grid north; in calm air there is no field.
 
     Args:
         grids: The grids.
-        shares: The number and the share of one or two grids.
+        shares: The index and the weight of one or two grids.
     """
     speeds, vectors, count = 0.0, 0.0j, 0
     for rows in _blocks(grids):
@@ -163,7 +163,7 @@ def _blocks(grids: WindGrids) -> Iterator[slice]:
 def _sum(
     grids: WindGrids, parts: Sequence[tuple[int, complex]], rows: slice
 ) -> NDArray[np.complex128]:
-    """Return the sum of grids, each multiplied by a number, in some rows."""
+    """Return the sum of grids, each multiplied by a number, in the given rows."""
     found: Any = 0.0
     for number, factor in parts:
         north, east = grids.toward[number, :, rows].astype(np.float64)

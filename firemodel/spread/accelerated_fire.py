@@ -1,14 +1,15 @@
 """Simulate new fires that accelerate (``acceleration``), in any scheme without random spread.
 
-The share of the rate depends only on the time since the ignition. A fire with acceleration is
-therefore computed as a fire without acceleration, and a clock converts its times. Each
-ignition time has a fire of its own, in which the weather changes at the times of its clock. A cell
-burns when the first of these fires reaches it. A fire that was already burning at the start (a
-mapped perimeter) is not new and has no acceleration.
+The fraction of the steady rate depends only on the time since ignition. An accelerating fire is
+therefore computed as one without acceleration, and a clock converts its times. Each ignition time
+has its own fire, in which the weather changes at times on that fire's clock. A cell burns when the
+first of these fires reaches it. A fire that was already burning at the start (a mapped perimeter)
+is not new and has no acceleration.
 
-Spot fires burn on the clock of their parent, with a delay (``schemes.SPOT_FIRE_DELAY_S``).
+Spot fires burn on the clock of the fire that emitted the firebrands, with a delay
+(``schemes.SPOT_FIRE_DELAY_S``).
 
-Cells that are lit at the same time and touch are a line source; all others are point sources.
+Cells that touch and are lit at the same time form a line source; all others are point sources.
 """
 
 import copy
@@ -38,26 +39,26 @@ class Clock(NamedTuple):
     per_s: float
 
     def steady_s(self, time_s: float) -> float:
-        """Return the time on the clock in s at a time; both are equal up to the ignition."""
+        """Return the clock's time in s at the given time; the two are equal until ignition."""
         if time_s <= self.at_s or self.per_s == math.inf:
             return time_s
         return self.at_s + acceleration.steady_time_s(time_s - self.at_s, self.per_s)
 
     def times_s(self, steady_s: Floats) -> Floats:
-        """Return the times (n) in s at times on the clock."""
+        """Return the times (n) in s that correspond to times on the clock."""
         if self.per_s == math.inf:
             return steady_s
         return np.asarray(_times(steady_s, self.at_s, self.per_s))
 
     def rate_share(self, time_s: Floats) -> Floats:
-        """Return the share of the steady rate (n) at times (n)."""
+        """Return the fraction of the steady rate (n) reached at the given times (n)."""
         if self.per_s == math.inf:
             return np.ones_like(time_s)
         return acceleration.rate_share(np.maximum(time_s - self.at_s, 0.0), self.per_s)
 
 
 class ClockedFire(NamedTuple):
-    """A fire in the times of a clock; ``counted`` (y, x) are its burned cells counted so far."""
+    """A fire that runs on a clock; ``counted`` (y, x) marks its burned cells counted so far."""
 
     fire: Fire
     clock: Clock
@@ -65,7 +66,7 @@ class ClockedFire(NamedTuple):
 
 
 class AcceleratedFire(Fire):
-    """A fire with acceleration, described in the module's docstring."""
+    """A fire with acceleration, as described in the module docstring."""
 
     def __init__(
         self,
@@ -74,7 +75,7 @@ class AcceleratedFire(Fire):
         old: Fire | None = None,
         burning: Burning | None = None,
     ) -> None:
-        """Begin with a fire without burned cells, which becomes part of this fire.
+        """Start from a fire without burned cells, which becomes part of this fire.
 
         Args:
             unlit: A fire of the scheme that has burned no cell.
@@ -150,7 +151,7 @@ class AcceleratedFire(Fire):
         fire.advance(max(clock.steady_s(to_time_s), fire.time_s))
         new = np.nonzero(fire.burned() & ~counted)
         counted[new] = True
-        # The limit corrects errors of rounding.
+        # The limit corrects rounding errors.
         times_s = np.minimum(clock.times_s(fire.arrival_time_s[new]), to_time_s)
         first = times_s < self.arrival_time_s[new]
         here = new[0][first], new[1][first]
@@ -158,11 +159,11 @@ class AcceleratedFire(Fire):
         self._owner[here] = number
 
     def _ignite(self, cells: Sequence[tuple[int, int]], at_s: float) -> None:
-        """Begin the fires of the cells that are lit at ``at_s``, the present time of all fires."""
+        """Start the fires of the cells lit at ``at_s``, the current time of all fires."""
         fresh = [cell for cell in cells if self.arrival_time_s[cell] > at_s]
         if not fresh:
             return
-        if at_s == self._lit_at_s:  # further cells of the same time: the fires begin again
+        if at_s == self._lit_at_s:  # more cells lit at the same time: the fires are restarted
             fresh = [*self._lit, *fresh]
             del self._fires[self._first_lit :]
         self._lit, self._lit_at_s, self._first_lit = fresh, at_s, len(self._fires)
@@ -206,9 +207,9 @@ class AcceleratedFire(Fire):
 
 @compiled
 def _times(steady_s, at_s, per_s):  # type: ignore[no-untyped-def]
-    """Return the times (n) in s at times on a clock.
+    """Return the times (n) in s that correspond to times on a clock.
 
-    A loop, so that a result does not depend on the number of times."""
+    A loop is used, so that a result does not depend on the number of times."""
     found = np.empty_like(steady_s)
     for place in range(steady_s.size):
         found[place] = at_s + _time_since(steady_s[place] - at_s, per_s)

@@ -1,30 +1,29 @@
-"""Compute arrival times along straight lines, at any angle, from sources to the corners of cells.
+"""Compute arrival times along straight lines, at any angle, from sources to cell corners.
 
-Within a cell the slowness of fire (time per distance, for each direction) is constant, so that the
-fastest path is a chain of straight lines that bend on the edges of cells. In this scheme paths bend
-at the corners of cells or, with ``precise``, also at the middles of edges. These positions and the
-centres of cells are the nodes (``labels``). A source is the start of a straight line: a node that
-fire has reached, or a point that is not a node (a lit point, a bend, or a point on the front when
-the weather changes). When fire reaches a node, two paths to each other node of the same cells are
-tried: a straight line from the node's source, and a straight line from the node itself. The time
-along a line is the sum of the times in the cells that it crosses; a line along an edge has the time
-of the faster of the two cells (``travel_time``). Nodes are processed in order of time (Dijkstra
-1959). A node's source is chosen like a parent in "Theta*" (Nash et al. 2007); before fire spreads
-from the node, the nodes beside that source are also tried as sources. Where conditions are uniform,
-lines may have any length, and arrival times are those of the exact ellipse. Every arrival time is
-the time along a possible path and therefore never too early.
+Within a cell the slowness of fire (time per distance, for each direction) is constant, so the
+fastest path is a chain of straight lines that bends at cell edges. In this scheme paths bend at
+cell corners and, with ``precise``, also at edge midpoints. These positions and the cell centres are
+the nodes (``labels``). A source is the start of a straight line: a node that fire has reached, or a
+point that is not a node (a lit point, a bend, or a point on the front when the weather changes).
+When fire reaches a node, two paths to every other node of the same cells are tried: a straight line
+from the node's source, and a straight line from the node itself. The time along a line is the sum
+of the times in the cells that it crosses; along an edge, the time is that of the faster of the two
+cells (``travel_time``). Nodes are processed in order of arrival time (Dijkstra 1959). A node's
+source is chosen like a parent in "Theta*" (Nash et al. 2007); before fire spreads from the node,
+the nodes beside that source are also tried as sources. Where conditions are uniform, lines may have
+any length, and arrival times are those of the exact ellipse. Every arrival time is the time along a
+possible path and therefore never too early.
 
-A path from a near source may also bend once on an edge between the source and the node (``bend``).
-If the source is a point, the path may bend because there are few nodes near an ignition. If the
-source is a node, the path may bend if fire spreads at different rates in the first and the last
-cell. The bend is stored as a point.
+A path from a nearby source may also bend once on an edge between the source and the node
+(``bend``): from a point, because there are few nodes near an ignition; from a node, if fire spreads
+at different rates in the first and the last cell. The bend is stored as a point.
 
-When the weather changes, each line along which fire is moving is cut at the position of the fire,
-and that point becomes the source of the remaining line. Only the remaining line has the new spread
-rate, so that the progress of the fire is kept. The cuts on the fastest line to each node are the
+When the weather changes, each line along which fire is moving is cut at the fire's position, and
+that point becomes the source of the remaining line. The new spread rate applies only to the
+remaining line, so the fire's progress is kept. The cuts on the fastest line to each node are the
 tips of the front. The front between two neighbouring tips is stored as points (``front_of``), and
-the source of a node may be moved along this part of the front (``slide_on_front``). In this way
-fire spreads from the whole front.
+the source of a node may be moved along this part of the front (``slide_on_front``). Fire thus
+spreads from the whole front.
 """
 
 import bisect
@@ -101,7 +100,7 @@ SOME_POINTS = 10_000
 
 
 class AnyAngleFire(Fire):
-    """The default spread scheme, described in the module's docstring.
+    """The default spread scheme, described in the module docstring.
 
     With ``firebrands``, burning crowns light spot fires.
     """
@@ -131,7 +130,7 @@ class AnyAngleFire(Fire):
         self._start(burning, ignitions)
 
     def _start(self, burning: Burning | None, ignitions: Sequence[Ignition]) -> None:
-        """Set the state at ``time_s``, and light the ignitions of that time."""
+        """Set the state at ``time_s``, and light the cells that ignite at that time."""
         shape = self.landscape.shape
         burnable = self._ground.terrain.fuel.reshape(shape) >= 0
         self._labels = empty_labels(burnable, self._lattice)
@@ -141,7 +140,7 @@ class AnyAngleFire(Fire):
         self._used_before = 0  # number of points after unused points were last dropped
         self._paths = empty_paths(0)
         self._entry = bisect.bisect_right(self._changes_s, self.time_s)
-        self._since_s = self.time_s  # time of the last change of weather
+        self._since_s = self.time_s  # time of the last weather change
         self._clock_s = self.time_s  # latest time at which a node was reached
         # The order is reversed, so that the next ignition is the last element.
         self._ignitions = sorted(((t, row, col) for row, col, t in ignitions), reverse=True)
@@ -189,7 +188,7 @@ class AnyAngleFire(Fire):
     ) -> Self:
         """Return a copy that continues in the weather of another fire on the same landscape.
 
-        The other arguments are those of ``perturb`` and replace those of earlier calls.
+        The other arguments are those of ``perturb`` and override those of earlier calls.
         """
         found, entry = self.copy(), bisect.bisect_right(model._changes_s, self.time_s)
         tables = perturbed(model._ground.tables, entry, wind_factor, turn_deg, spread_factor)
@@ -242,7 +241,7 @@ class AnyAngleFire(Fire):
         return found
 
     def _drop_unused_points(self) -> None:
-        """Drop unused points if there may be many; each change adds points."""
+        """Drop unused points if there may be many; each weather change adds points."""
         if self._used <= 2 * self._used_before + SOME_POINTS:
             return
         at, beside = self._points
@@ -252,7 +251,7 @@ class AnyAngleFire(Fire):
 
     @property
     def _state(self) -> tuple[Points, int, Labels, Ground, Lattice, int]:
-        """The arguments that all kernels have, in the order of the kernels' parameters."""
+        """Return the arguments common to all kernels, in the order of the kernels' parameters."""
         return self._points, self._used, self._labels, self._ground, self._lattice, self._entry
 
     def _light(self, ignition: Ignition) -> None:
@@ -275,7 +274,7 @@ class AnyAngleFire(Fire):
         return self._copy_with(used._labels, used.arrival_time_s, ground)
 
     def _copy_with(self, labels: Labels, arrival_time_s: Floats, ground: Ground) -> Self:
-        """Return a copy of this fire with these arrays, which are copies of those of this fire."""
+        """Return a copy of this fire with the given arrays, which are already copies."""
         found = copy.copy(self)
         found._labels, found.arrival_time_s, found._ground = labels, arrival_time_s, ground
         times, keys, waiting = self._queue
@@ -339,7 +338,7 @@ class AnyAngleFire(Fire):
                 self._change_weather(change_s)
 
     def _burn(self, to_time_s: float) -> None:
-        """Burn until a time under the current weather entry."""
+        """Burn until the given time under the current weather entry."""
         while self._is_due(to_time_s):
             self._size, self._waits, self._used, self._clock_s = burn_until(
                 to_time_s,
@@ -351,16 +350,16 @@ class AnyAngleFire(Fire):
                 *self._state,
             )
             if self._is_due(to_time_s):
-                self._arrive(self._clock_s)  # so that few centres wait
+                self._arrive(self._clock_s)  # keeps the number of waiting centres low
                 self._make_room(ROOM)
         self._arrive(to_time_s)
 
     def _is_due(self, to_time_s: float) -> bool:
-        """Return whether a node in the queue is to be processed by a time."""
+        """Return whether a node in the queue must be processed by the given time."""
         return bool(self._size > 0 and self._queue.times[0] <= to_time_s)
 
     def _arrive(self, to_time_s: float) -> None:
-        """Set the arrival times of the centres that fire reached by a time."""
+        """Set the arrival times of the centres that fire reached by the given time."""
         if self._waits == 0:
             return
         self._waits = arrive(
@@ -409,7 +408,7 @@ class AnyAngleFire(Fire):
         )
 
     def _active_paths(self, at_s: float) -> tuple[ActivePaths, Tips]:
-        """Return the lines along which fire is moving at a time, and the tips of the front."""
+        """Return the lines along which fire is moving at ``at_s``, and the tips of the front."""
         targets = self._size + self._waits
         paths, tips = empty_paths(self._paths.target.size + 48 * targets), empty_tips(targets)
         self._make_room(targets)
@@ -498,7 +497,7 @@ class AnyAngleFire(Fire):
     def arrival_vectors(self, here: Place = WHOLE) -> Floats:
         """Return the vector (2, y, x) from each cell's source to the cell, in m north and east.
 
-        The result is that in the window ``here``. The vector is 0 where the fire was lit.
+        The result covers the window ``here``. The vector is 0 where the fire was lit.
         """
         arrival_s, cell_m = self.arrival_time_s[here], self.landscape.cell_size_m
         found, (top, _, _), (left, _, _) = (
@@ -552,7 +551,7 @@ def _around(
 
 
 def _within(cells: Mask, at: Floats) -> Mask:
-    """Return True for each position (k; y, x from the grid's corner) that is in a mask of cells."""
+    """Return True for each position (k; y, x from the grid's corner) inside a mask of cells."""
     rows, cols = cells.shape
     row = np.clip(np.nan_to_num(at[:, 0]), 0, rows - 1).astype(np.int64)
     col = np.clip(np.nan_to_num(at[:, 1]), 0, cols - 1).astype(np.int64)

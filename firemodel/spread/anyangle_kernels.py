@@ -30,18 +30,18 @@ IGNITES = 17  # distance in i and j up to which the centre of a lit cell has pat
 IGNITION_ROOM = (2 * IGNITES + 1) ** 2
 ADJOINS = 5  # paths from an ignition are stored for nodes within this distance in i and j
 ROOM = 100  # maximum number of entries that processing a node adds to the heap or to the points
-BETWEEN_CELLS = 3.0  # largest distance between two sources on a front that are joined
-MAX_SLIDES = 12  # largest number of points on a front past which a source is moved at once
+BETWEEN_CELLS = 3.0  # maximum distance between two joined sources on a front
+MAX_SLIDES = 12  # maximum number of front points that a source is moved past at once
 BEND_CELLS = 8  # longest line from a point to which a bend is added
 NODE_BEND_CELLS = 6  # longest line from a node to which a bend is added
-UNLIKE = 0.2  # relative difference of slowness between two ends of a line that makes a bend likely
+UNLIKE = 0.2  # relative difference in slowness between a line's ends that makes a bend likely
 ROUNDING = 1e-12  # relative gain in time that a path must exceed to replace another
 WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source
 WORTH_A_BEND = 0.005  # the same for a bend in a line from a node
 
 
 def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]:
-    """Return the offsets (i, j) from a node to the nodes of its cells; nodes on edges are first."""
+    """Return the offsets (i, j) from a node to its cells' nodes; nodes on edges come first."""
     reach_i, reach_j = 1 if odd_i else 2, 1 if odd_j else 2
     found = []
     for i in range(-reach_i, reach_i + 1):
@@ -58,11 +58,11 @@ def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the offsets (kinds, 24, 4), and the number of offsets for each kind of node.
 
     An offset consists of four differences between two nodes: in i, in j, in the row of the cell to
-    which the key belongs, and in the rest of the key. The second array has the number of offsets to
-    nodes on edges, the third that of all offsets. The first two kinds (``kind_of``) are those of
-    the lattice of corners: a corner and a centre. The other four are those of the lattice with
-    middles of edges: a corner, the middle of a horizontal edge, the middle of a vertical edge, and
-    a centre.
+    which the key belongs, and in the rest of the key. The second array contains the number of
+    offsets to nodes on edges, the third the number of all offsets. The first two kinds
+    (``kind_of``) are those of the lattice of corners: a corner and a centre. The other four are
+    those of the lattice with edge midpoints: a corner, the midpoint of a horizontal edge, the
+    midpoint of a vertical edge, and a centre.
     """
     kinds = [(2, odd, odd) for odd in (False, True)]
     kinds += [(1, odd_i, odd_j) for odd_i in (False, True) for odd_j in (False, True)]
@@ -106,7 +106,7 @@ def _source_of(key, points, labels, ground, lattice):  # type: ignore[no-untyped
 
 @kernel
 def prepare_around(i, j, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Compute the slownesses of a node's cells that are not known yet."""
+    """Compute those slownesses of a node's cells that are not yet known."""
     for row in range(max((i - 1) >> 1, 0), min((i >> 1) + 1, lattice.rows)):
         for col in range(max((j - 1) >> 1, 0), min((j >> 1) + 1, lattice.cols)):
             prepare(row * lattice.cols + col, ground, entry)
@@ -114,7 +114,7 @@ def prepare_around(i, j, ground, lattice, entry):  # type: ignore[no-untyped-def
 
 @inlined
 def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
-    """Return the time from a node to another node of the same cell.
+    """Return the travel time from a node to another node of the same cell.
 
     Along an edge, the time is that of the faster of the two cells. The time is infinite if fire
     does not spread there in the current weather, and 0 if the cells cannot burn. The slownesses of
@@ -122,7 +122,7 @@ def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
     """
     north, east = -0.5 * di * ground.cell_m, 0.5 * dj * ground.cell_m
     length2 = north * north + east * east
-    row, col = (2 * i + di) >> 2, (2 * j + dj) >> 2  # position of the middle between the nodes
+    row, col = (2 * i + di) >> 2, (2 * j + dj) >> 2  # cell of the midpoint between the nodes
     along_row = di == 0 and i % 2 == 0
     along_col = dj == 0 and j % 2 == 0
     cell, found = row * lattice.cols + col, 0.0
@@ -141,11 +141,11 @@ def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
 def burn_until(  # type: ignore[no-untyped-def]
     to_time_s, clock_s, since_s, queue, size, waits, points, used, labels, ground, lattice, entry
 ):
-    """Process nodes of the queue until a time, but stop when the queue or the points are full.
+    """Process queued nodes until the given time, but stop when the queue or the points are full.
 
-    A faster path to a node may be found after later nodes were processed. The time of the node may
-    then be earlier than the times of nodes that were processed before. The time of a centre is
-    never earlier than ``clock_s``, the latest time processed so far.
+    A faster path to a node may be found after later nodes were processed. The node's time may then
+    be earlier than the times of nodes processed before it. The time of a centre is never earlier
+    than ``clock_s``, the latest time processed so far.
 
     Returns the heap's new size, the number of waiting centres, the number of points in use, and the
     clock.
@@ -230,7 +230,7 @@ def burn_until(  # type: ignore[no-untyped-def]
                     continue
                 if at_s + path_s < best * (1.0 - ROUNDING):
                     best, via = at_s + path_s, key
-                # With middles of edges, targets that are not onwards are tried from other nodes
+                # With edge midpoints, targets that are not onwards are tried from other nodes
                 # beside the line.
                 onwards = di * (to_y - from_y) >= 0.0 and dj * (to_x - from_x) >= 0.0
                 if source != other and length <= reachable and (lattice.step == 2 or onwards):
@@ -273,9 +273,9 @@ def burn_until(  # type: ignore[no-untyped-def]
 
 @kernel
 def arrive(to_time_s, waiting, waits, arrival_s, labels, lattice):  # type: ignore[no-untyped-def]
-    """Set the arrival times of the waiting centres that fire has reached by a time.
+    """Set the arrival times of the waiting centres that fire has reached by the given time.
 
-    Returns the number of centres that still wait.
+    Returns the number of centres still waiting.
     """
     rest = 0
     for k in range(waits):
@@ -315,8 +315,7 @@ def bend(  # type: ignore[no-untyped-def]
     source = np.int64(sources[key])
     from_y, from_x, from_s = place_of(source, points, labels, lattice)
     for along_row in range(2):
-        # The edge, along a row or a column of cells, that the line crosses nearest to the line's
-        # middle.
+        # The edge, along a row or a column of cells, that the line crosses nearest to its midpoint.
         start, end = (from_y, y) if along_row == 1 else (from_x, x)
         edge = np.floor(0.5 * (start + end) + 0.5)
         if not min(start, end) < edge < max(start, end):
@@ -350,13 +349,13 @@ def bend(  # type: ignore[no-untyped-def]
 
 @inlined
 def on_front(point, points):  # type: ignore[no-untyped-def]
-    """Return True for a point with other points beside it on a front."""
+    """Return True if a point has other points beside it on a front."""
     return point >= 0 and max(points.beside[point, 0], points.beside[point, 1]) >= 0
 
 
 @kernel
 def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Improve a node's label: move the source along the front at the last change of weather.
+    """Improve a node's label: move the source along the front at the last weather change.
 
     If a position between two points is better, a point is added there. Returns the number of points
     in use.

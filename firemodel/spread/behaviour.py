@@ -22,7 +22,7 @@ from firemodel.spread.local_spread import (
 
 
 class Behaviour(NamedTuple):
-    """The behaviour of the front at its arrival in each cell.
+    """The fire behaviour when the front arrives in each cell.
 
     The arrays are float32 (y, x); unburned cells have NaN.
     """
@@ -35,13 +35,13 @@ class Behaviour(NamedTuple):
 
 
 def behaviour_of(fire: Fire) -> Behaviour:
-    """Return the fire behaviour at the arrival of the front in each cell.
+    """Return the fire behaviour when the front arrives in each cell.
 
-    The spread rate is normal to the front. This rate is computed from the cell's ellipse (Rothermel
-    1972; Anderson 1983, INT-305) and the direction from which fire came. In an ignition cell the
-    rate is that of the head. The intensity is Byram's. The flame length is after Byram 1959, where
-    crowns burn after Thomas 1963. With acceleration, rate and intensity
-    are those at the age of the fire.
+    The spread rate is that normal to the front. It is computed from the cell's ellipse (Rothermel
+    1972; Anderson 1983, INT-305) and the direction from which the fire came. In an ignition cell
+    the rate is that of the head. The intensity is Byram's. The flame length is after Byram 1959 or,
+    where crowns burn, after Thomas 1963. With acceleration, rate and intensity are those at the
+    fire's age.
 
     Args:
         fire: A fire that has been advanced to the time of interest.
@@ -79,7 +79,7 @@ def flame_length_m(intensity_kw_m: Floats, crown_fraction: Floats) -> Floats:
 def front_behaviour(arrival_s, paths, began_s, heat, terrain, tables, directions=True):  # type: ignore[no-untyped-def]
     """Return rate (m/s), direction (° from grid north), intensity (kW/m), crown fraction (4, n).
 
-    Without ``directions``, which take half of the computing time, the directions are NaN.
+    Without ``directions``, which take half the computing time, the directions are NaN.
     """
     found = np.full((4, arrival_s.size), np.nan, dtype=np.float32)
     before, entry_before = -1, -1  # the latest cell with a computed slowness, and its entry

@@ -1,7 +1,7 @@
 """Compute the burned area within cells from the arrival times at the nodes of the lattice.
 
-A count of the cells in which fire has reached the centre is biased where fuels meet: fire passes
-round a slow cell and reaches its centre last, so that the burned rim of the cell is not counted.
+Counting the cells whose centre has been reached is biased where fuels meet: fire passes round a
+slow cell and reaches its centre last, so the cell's burned rim is not counted.
 """
 
 import math
@@ -13,9 +13,9 @@ from firemodel.spread.travel_time import STEP_COL, STEP_ROW
 
 @inlined
 def triangle_share(one_s, two_s, three_s, at_s):  # type: ignore[no-untyped-def]
-    """Return the burned share of a triangle with these arrival times at its corners.
+    """Return the burned fraction of a triangle with the given arrival times at its corners.
 
-    The arrival time is linear in the triangle.
+    The arrival time varies linearly within the triangle.
     """
     first, last = min(one_s, two_s, three_s), max(one_s, two_s, three_s)
     middle = max(min(one_s, two_s), min(max(one_s, two_s), three_s))
@@ -30,10 +30,10 @@ def triangle_share(one_s, two_s, three_s, at_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def burned_cells(at_s, arrival_s, labels, lattice):  # type: ignore[no-untyped-def]
-    """Return the burned area at a time, in cells.
+    """Return the burned area at the given time, in cells.
 
     Each cell is divided into triangles between its centre and two neighbouring nodes on its edge. A
-    cell of an initial fire counts as a whole.
+    cell of an initial fire counts in full.
     """
     total, per_side = 0.0, 2 // lattice.step  # number of triangles on each side of a cell
     for row in range(lattice.rows):

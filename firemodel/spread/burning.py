@@ -25,8 +25,8 @@ def burning_from_perimeter(
     The polygons are in the landscape's CRS.
 
     Each cell whose centre is inside burns at ``at_s``; if a polygon contains no centre, one cell
-    burns. The front consists of all outlines on the grid, including those of unburned islands, but
-    not of boundaries between polygons. Raises FireModelError if no front is on the grid.
+    burns. The front consists of all outlines on the grid, including those of unburned islands but
+    not the boundaries between polygons. Raises FireModelError if no front is on the grid.
     """
     area = shapely.union_all(list(polygons))
     front = _front_on(area, landscape)
@@ -43,7 +43,7 @@ def burning_from_perimeter(
 def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -> Burning:
     """Return the state of a fire at ``at_s`` from its arrival times (y, x).
 
-    Unburned cells have the arrival time infinity. Arrival times after ``at_s`` are used only to
+    Unburned cells have an arrival time of infinity. Arrival times after ``at_s`` are used only to
     locate the front between two cells (``front.front_polygons``). Raises FireModelError if no cell
     or every cell has burned by ``at_s``.
     """

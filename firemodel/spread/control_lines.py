@@ -1,7 +1,7 @@
-"""Build control lines over time: cells that cannot burn once the construction has crossed them.
+"""Build control lines over time: cells that cannot burn once construction has crossed them.
 
-The construction advances at a constant rate and is not interrupted by the fire. A line is
-one cell wide, and fire never burns across it; firebrands fly over it.
+Construction advances at a constant rate and is not interrupted by the fire. A line is one cell
+wide, and fire never burns across it; firebrands fly over it.
 """
 
 import math
@@ -28,8 +28,8 @@ def closings_along(
         lines: shapely lines or polygons (their outlines), alone or in collections, in the
             landscape's CRS.
         landscape: The grid.
-        at_s: The beginning of the construction in s.
-        rate_m_h: Metres of line in an hour, on the map; by default the lines are complete at
+        at_s: The start of construction in s.
+        rate_m_h: Metres of line per hour, on the map; by default the lines are complete at
             ``at_s``.
 
     Returns:

@@ -20,7 +20,7 @@ from firemodel.physics.rothermel import FT_MIN_PER_M_S, Moisture, fuel_bed
 from firemodel.physics.weather import WIND_10M_OVER_20FT, Weather
 
 _BED = fuel_bed(FUEL_MODELS[CROWN_FUEL], Moisture(0.06, 0.07, 0.08, 0.6, 0.9))
-# Coefficients of the wind factor of the crown's fuel model, for wind in m/s, for any moisture.
+# Wind-factor coefficients of the crown's fuel model, for wind in m/s and any moisture.
 WIND_B, WIND_C = _BED.wind_b, _BED.wind_c * FT_MIN_PER_M_S**_BED.wind_b
 MIN_DENSITY_KG_M3 = 1e-4  # trees with thinner crowns do not carry crown fire
 
@@ -75,8 +75,8 @@ def canopy_of(landscape: Landscape, foliar_moisture_pct: float) -> Canopy:
 def crown_factor(method: CrownMethod, entry: Weather, zone: int = 0) -> float:
     """Return the factor of a crown fire's rate that depends on the fuel moistures in a zone.
 
-    By Rothermel's method this is 3.34 times the rate of fuel model 10 without wind, in m/s; by the
-    method of Cruz et al. the factor of fine fuel moisture; without crown fire 0.
+    With Rothermel's method it is 3.34 times the no-wind rate of fuel model 10, in m/s; with the
+    method of Cruz et al. it is the fine fuel moisture factor; without crown fire it is 0.
     """
     if method == "none":
         return 0.0
@@ -99,10 +99,10 @@ def crowning_wind_of(factor, density_kg_m3):  # type: ignore[no-untyped-def]
 def with_crowns(  # type: ignore[no-untyped-def]
     method, surface_m_s, initiation_m_s, full_m_s, factor, wind_20ft_m_s, density_kg_m3
 ):
-    """Return the rate of the head in m/s, the crown fraction burned, and whether it is active.
+    """Return the head rate in m/s, the crown fraction burned, and whether a crown fire is active.
 
-    The surface fire ignites crowns. Torching crowns do not change the rate by Rothermel's method
-    (1991). By that of Scott & Reinhardt (2001, eq. 33) the rate rises with the crown fraction
+    The surface fire ignites crowns. With Rothermel's method (1991), torching crowns do not change
+    the rate. With that of Scott & Reinhardt (2001, eq. 33), the rate rises with the crown fraction
     burned. ``factor`` is ``crown_factor``; the other arguments are those of ``crown_fire``.
     """
     critical_m_s = _critical_rate(density_kg_m3)

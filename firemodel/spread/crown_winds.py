@@ -40,7 +40,7 @@ class CrownWinds(NamedTuple):
 def crown_winds_of(fire: Fire) -> CrownWinds:
     """Return the torching index and the crowning index (Scott & Reinhardt 2001) in each cell.
 
-    Each index is the least wind over the weather entries in effect until the fire's time, with the
+    Each index is the lowest wind over the weather entries in effect until the fire's time, with the
     moistures and the wind direction of the entry. The indices do not depend on whether the fire has
     reached the cell.
 
@@ -58,7 +58,7 @@ def crown_winds_of(fire: Fire) -> CrownWinds:
 
 @compiled
 def least_winds(terrain: Terrain, tables: Tables) -> NDArray[np.float32]:
-    """Return the least torching and crowning wind of each cell over the entries, (2, n)."""
+    """Return each cell's lowest torching and crowning winds over the entries, (2, n)."""
     found = np.full((2, terrain.fuel.size), np.inf, dtype=np.float32)
     for cell in range(terrain.fuel.size):
         if terrain.fuel[cell] < 0 or terrain.canopy.critical_kw_m[cell] == np.inf:

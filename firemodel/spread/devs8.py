@@ -1,10 +1,10 @@
-"""Simulate spread in eight directions with discrete events, by the rules of DEVS-FIRE.
+"""Simulate spread in eight directions with discrete events, following the rules of DEVS-FIRE.
 
 The rules are from Hu, Sun & Ntaimo 2012 (Simulation 88, 259-279) and from the authors' program
 des-fire. Fire spreads from a burning cell towards each neighbour at the rate that follows from the
 fuel, slope and wind of the burning cell, projected onto the map. The remaining distance is stored
-for each direction, so that a change of weather changes the rate but not the progress. The next
-event is always the earliest arrival on the landscape.
+for each direction, so that a weather change affects the rate but not the progress. The next event
+is always the earliest arrival on the landscape.
 
 Because fire spreads in only eight directions, the burned area is smaller than the ellipse. On
 uniform ground the burned area is an octagon whose corners are on the ellipse. If the wind blows
@@ -44,12 +44,12 @@ from firemodel.spread.heap import push
 from firemodel.spread.local_spread import HEAT, perturbed, tables_of, terrain_of
 from firemodel.spread.rate_options import RateOptions
 
-# The papers give no value for this threshold of ignition; des-fire uses 0.
+# The papers give no value for this ignition threshold; des-fire uses 0.
 IGNITION_INTENSITY_KW_M = 0.0
 
 
 class Devs8Fire(Fire):
-    """The scheme of DEVS-FIRE, described in the module's docstring."""
+    """The DEVS-FIRE scheme, described in the module docstring."""
 
     def __init__(
         self,
@@ -144,7 +144,7 @@ class Devs8Fire(Fire):
             self._change_weather(change_s)
 
     def _burn(self, to_time_s: float) -> None:
-        """Burn until a time under the current weather entry."""
+        """Burn until the given time under the current weather entry."""
         while True:
             self._make_room(8)
             self._keep(*burn_until(to_time_s, self._arrival_s, *self._state()))
@@ -195,7 +195,7 @@ class Devs8Fire(Fire):
 
 
 def _slowest_m_s(heat: Floats, intensity_kw_m: float) -> Floats:
-    """Return the spread rate (entries, fuels) in m/s at which each fuel has a given intensity.
+    """Return the spread rate (entries, fuels) in m/s at which each fuel has the given intensity.
 
     ``heat`` (entries, fuels) is the intensity in kW/m at a rate of 1 m/s.
     """

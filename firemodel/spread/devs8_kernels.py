@@ -20,7 +20,7 @@ STEP_CELLS = np.array([1.0, math.sqrt(2.0)] * 4)
 
 
 class Ground(NamedTuple):
-    """The inputs of the spread rates; cells are flattened (n)."""
+    """The inputs for the spread rates; cells are flattened (n)."""
 
     cols: int
     cell_m: float
@@ -52,7 +52,7 @@ def _passes(cell, rate, ground, entry):  # type: ignore[no-untyped-def]
 
 @kernel
 def _rate_towards(cell, side, head, terrain):  # type: ignore[no-untyped-def]
-    """Return the spread rate in m/s towards a neighbour along the slope, projected to the map."""
+    """Return the spread rate in m/s towards a neighbour along the slope, projected onto the map."""
     rate, head_north, head_east, e = head
     north, east = -STEP_ROW[side] / STEP_CELLS[side], STEP_COL[side] / STEP_CELLS[side]
     along = rate * (1.0 - e) / (1.0 - e * (head_north * north + head_east * east))
@@ -109,7 +109,7 @@ def start_paths(cells, now, arrival_s, heap, halted, ground, entry):  # type: ig
 
 @kernel
 def burn_until(to_time_s, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """Process events from the heap until a time, but stop when an array is full.
+    """Process events from the heap until the given time, but stop when an array is full.
 
     Returns the new sizes of the heap and of the halted paths.
     """

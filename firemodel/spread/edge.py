@@ -33,7 +33,7 @@ def reaches_edge(cells: NDArray[np.bool_]) -> bool:
 
 
 def at_edge(fire: Fire) -> AtEdge | None:
-    """Return the first burned cell of the outermost rows and columns, or None without such a cell.
+    """Return the first burned cell of the outermost rows and columns, or None if there is none.
 
     The computing time is proportional to the number of cells in these rows and columns.
     """

@@ -31,7 +31,7 @@ class Burning(NamedTuple):
     at_s: float
     arrival_s: Floats  # (y, x) arrival times; infinity in unburned cells
     front: Floats  # (k, 2) points on the front as float (row, column), at most a cell apart
-    area: Any = None  # mapped burned area, if there is one; shapely, landscape's CRS
+    area: Any = None  # mapped burned area, if there is one; shapely, in the landscape's CRS
 
 
 class StartArea(NamedTuple):
@@ -42,10 +42,10 @@ class StartArea(NamedTuple):
 
 
 class Closing(NamedTuple):
-    """Cells that cannot burn from a time on, such as a piece of a control line."""
+    """Cells that cannot burn from a given time on, such as a section of a control line."""
 
     at_s: float
-    cells: NDArray[np.int64]  # (k) indices of flattened cells
+    cells: NDArray[np.int64]  # (k) indices of the flattened cells
 
 
 class Fire(NotebookObject, ABC):
@@ -59,10 +59,10 @@ class Fire(NotebookObject, ABC):
     weather: WeatherStream
     rate_options: RateOptions
     time_s: float
-    start_area: StartArea | None  # area of an initial fire; None if the scheme has only cells
+    start_area: StartArea | None  # area of an initial fire; None if the scheme uses only cells
     arrival_time_s: Floats
     firebrands: "Firebrands | None" = None  # only in schemes with ``emits_firebrands``
-    _changes_s: list[float]  # times of the changes of weather, then infinity
+    _changes_s: list[float]  # times of the weather changes, then infinity
     _closings: tuple[Closing, ...] = ()  # later closings, in order of time
     _closed: tuple[Closing, ...] = ()  # closings in effect, each with the cells that it closed
 
@@ -103,7 +103,7 @@ class Fire(NotebookObject, ABC):
         self.time_s = float(to_time_s)
 
     def add_closings(self, closings: Sequence[Closing]) -> None:
-        """Add cells that cannot burn from given times on; cells that burn before do not change."""
+        """Add cells that cannot burn from given times on; cells that burn before are unaffected."""
         self._closings = tuple(sorted((*self._closings, *closings), key=lambda each: each.at_s))
         self.advance(self.time_s)
 
@@ -139,14 +139,14 @@ class Fire(NotebookObject, ABC):
     def copy(self) -> Self:
         """Return an independent copy of this fire; data that never changes is shared.
 
-        A copy of 500 x 500 cells takes a few ms.
+        Copying 500 x 500 cells takes a few ms.
         """
 
     def copy_over(self, used: Self) -> Self:
-        """Return a copy of this fire that may use the arrays of a copy that is no longer needed.
+        """Return a copy of this fire that may reuse the arrays of a copy that is no longer needed.
 
-        ``used`` is an earlier copy of this fire, which has not changed since; it must not be used
-        again. Schemes in which this saves time override this method.
+        ``used``, a copy taken since this fire last changed, must not be used again. Schemes in
+        which this saves time override this method.
         """
         return self.copy()
 
@@ -173,7 +173,7 @@ class Fire(NotebookObject, ABC):
     def on_clock(self, clock: Callable[[float], float]) -> Self:
         """Return a copy in which the weather changes at other times.
 
-        ``clock`` gives the time of a change, and must not change times that have passed.
+        ``clock`` converts the time of a change, and must leave times that have passed unchanged.
         """
         found = self.copy()
         found._changes_s = [clock(time_s) for time_s in self._changes_s]
@@ -186,9 +186,9 @@ class Fire(NotebookObject, ABC):
         """Use another generator for random draws from now on."""
 
     def expected_s(self) -> Floats:
-        """Return the arrival times (y, x) of burned cells, and expected times beside the fire.
+        """Return the arrival times (y, x) of burned cells, and expected times next to the fire.
 
-        Other cells have infinity. ``front`` is computed from these times.
+        All other cells are infinite. ``front`` is computed from these times.
         """
         return self._expected_s().copy()
 
@@ -212,7 +212,7 @@ class Fire(NotebookObject, ABC):
         return self.burned_ha
 
     def state_at(self, time_s: float) -> NDArray[np.int8]:
-        """Return the state of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
+        """Return each cell's state (y, x) at ``time_s``: UNBURNED, BURNING, BURNED or CANNOT_BURN.
 
         A cell is BURNING as long as one of its eight neighbours can still burn. Raises
         FireModelError if the fire has not been advanced to ``time_s`` yet.
@@ -228,10 +228,10 @@ class Fire(NotebookObject, ABC):
         return np.where(cannot & ~burned, CANNOT_BURN, state).astype(np.int8)
 
     def front(self, time_s: float) -> Any:
-        """Return the burned area at a time as a shapely MultiPolygon in the landscape's CRS.
+        """Return the burned area at ``time_s`` as a shapely MultiPolygon in the landscape's CRS.
 
-        The edge of the area is interpolated between the cells' centres. Raises FireModelError if
-        the fire has not been advanced to ``time_s`` yet.
+        The edge of the area is interpolated between cell centres. Raises FireModelError if the fire
+        has not been advanced to ``time_s`` yet.
         """
         self._check_past(time_s)
         return burned_area(self._expected_s(), self.landscape, time_s, self.start_area)
@@ -239,14 +239,14 @@ class Fire(NotebookObject, ABC):
     def arrival_vectors(self, here: Place = WHOLE) -> Floats:
         """Return the last straight path to each cell as a vector (2, y, x) in m north and east.
 
-        The result is that in the window ``here``. By default the path comes from the neighbour that
+        The result covers the window ``here``. By default the path comes from the neighbour that
         burned first. The vector is 0 where the fire was lit.
         """
         from_row, from_col = earliest_neighbour(self.arrival_time_s)
         return np.stack([from_row[here], -from_col[here]]) * self.landscape.cell_size_m
 
     def rate_share(self) -> float | Floats:
-        """Return the share (y, x) of the steady rate at the arrival of the fire."""
+        """Return the fraction (y, x) of the steady rate that the fire has reached on arrival."""
         return 1.0
 
     def _expected_s(self) -> Floats:
@@ -263,15 +263,15 @@ class Fire(NotebookObject, ABC):
 def burned_area(
     arrival_s: Floats, landscape: Landscape, at_s: float, start_area: StartArea | None = None
 ) -> Any:
-    """Return the area burned at a time as a shapely MultiPolygon in the landscape's CRS.
+    """Return the area burned by ``at_s`` as a shapely MultiPolygon in the landscape's CRS.
 
     Args:
         arrival_s: The arrival times (y, x), infinite where fire never arrives; times after
             ``at_s`` are used to interpolate the front between two cells.
         landscape: The grid of ``arrival_s``.
         at_s: Mission time.
-        start_area: The area that had burned when the fire began (``Fire.start_area``), which
-            belongs to the result from the time of that fire on.
+        start_area: The area that had burned when the fire began (``Fire.start_area``), which is
+            part of the result from that time on.
     """
     area = front_polygons(arrival_s, at_s, landscape)
     if start_area is None or at_s < start_area.at_s:
@@ -280,7 +280,7 @@ def burned_area(
 
 
 def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s: float) -> None:
-    """Raise FireModelError for an ignition off the grid, before ``from_s`` or that cannot burn."""
+    """Raise FireModelError for ignitions off the grid, before ``from_s`` or in unburnable cells."""
     rows, cols = landscape.shape
     for row, col, time_s in ignitions:
         if not (0 <= row < rows and 0 <= col < cols):

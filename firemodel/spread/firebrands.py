@@ -1,8 +1,8 @@
 """Let burning crowns light spot fires: firebrands fly with the wind, land and ignite fuel.
 
 In each step the cells whose crowns have begun to burn emit firebrands. The number is random, with a
-mean in proportion to the area and the crown fraction burned. The distances are log-normal (Sardoy
-et al. 2008), up to the maximum distance of an active crown fire (Albini et al. 2012). A firebrand
+mean proportional to the area and the crown fraction burned. The distances are log-normal (Sardoy et
+al. 2008), up to the maximum distance of an active crown fire (Albini et al. 2012). A firebrand
 ignites burnable, unburned fuel with the probability of Schroeder (1969). All draws of a cell depend
 only on the seed and on the cell, so that a fire does not depend on how it is advanced.
 """
@@ -21,8 +21,8 @@ from firemodel.physics.weather import Weather
 from firemodel.spread.local_spread import HEAT, Tables, Terrain, crowned_head, wind_at
 
 STEP_S = 60.0  # firebrands are emitted at whole minutes
-MIN_FLIGHT_M = 50.0  # the front reaches nearer places as soon (Perryman et al. 2013)
-ACROSS_SD_DEG = 5.0  # directions around that of the wind
+MIN_FLIGHT_M = 50.0  # the front reaches closer places as soon (Perryman et al. 2013)
+ACROSS_SD_DEG = 5.0  # of flight directions around the wind direction
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Firebrands:
 
     ``per_ha`` is the mean number of firebrands that land burning on receptive fuel, for each
     hectare whose crowns burn completely. Cells that burned before ``from_s`` emit none. Spot fires
-    begin ``delay_s`` after the landing of the firebrand.
+    begin ``delay_s`` after the firebrand lands.
     """
 
     per_ha: float
@@ -48,14 +48,14 @@ class Firebrands:
         span_s: tuple[float, float],
         spread: tuple[Terrain, Tables, int],
     ) -> list[tuple[int, int, float]]:
-        """Return row, column and time of the spot fires that begin after a step.
+        """Return the row, column and time of each spot fire that results from a step.
 
         Args:
             landscape: The landscape.
             weather: The weather entry in effect.
             arrival_s: Arrival times (y, x) at the end of the step.
-            span_s: Begin and end of the step.
-            spread: Terrain, tables and entry of the fire (``local_spread``).
+            span_s: Start and end of the step.
+            spread: The fire's terrain, tables and weather entry (``local_spread``).
         """
         terrain, tables, entry = spread
         begin_s = max(span_s[0], self.from_s)
@@ -87,7 +87,7 @@ class Firebrands:
         wind: tuple[float, float, float],
         rng: np.random.Generator,
     ) -> list[tuple[int, int, float]]:
-        """Return row, column and distance of the firebrands of a cell that land on the grid."""
+        """Return row, column and distance of each of a cell's firebrands that lands on the grid."""
         mu, sigma, max_m = flight
         size_m, (rows, cols) = landscape.cell_size_m, landscape.shape
         count = int(rng.poisson(self.per_ha * fraction * size_m**2 / 1e4))
@@ -131,7 +131,7 @@ class Firebrands:
 
 @kernel
 def _flight(cell, entry, canopy_m, wind, terrain: Any, tables: Any):  # type: ignore[no-untyped-def]
-    """Return the crown fraction burned of a cell, and μ, σ and maximum of its firebrands' flights.
+    """Return a cell's crown fraction burned, and μ, σ and maximum of its firebrands' distances.
 
     The intensity is that of the head. Without wind, firebrands do not fly.
     """

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats, bounds_of
 from firemodel.landscape.landscape import Landscape
 
-MIN_S = 1e-6  # minimum time of travel assumed beyond a front
+MIN_S = 1e-6  # minimum travel time assumed beyond a front
 # Neighbours clockwise from west, as (row, col) steps.
 _AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
 
@@ -28,7 +28,7 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Return the outer boundary cells (n, 2) of the largest burned region, as (row, col).
 
     The loop is closed and anticlockwise on a north-up map. Each cell is one of the eight neighbours
-    of the cell before it. A branch one cell wide is passed in both directions. The method is
+    of the previous cell. A branch one cell wide is traversed in both directions. The method is
     Moore-neighbour tracing, which ends when the first step would be repeated (Jacob's criterion).
     """
     region = np.pad(largest_region(burned), 1)
@@ -93,11 +93,10 @@ def multipolygon(area: Any) -> Any:
 
 
 def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
-    """Return the burned area at a time as a MultiPolygon, computed from arrival times (y, x).
+    """Return the burned area at ``time_s`` as a MultiPolygon, computed from arrival times (y, x).
 
-    The edge of the area is interpolated linearly between the centres of cells. The edge of the area
-    is at most halfway to a cell that fire does not reach; therefore no part of the area is off the
-    landscape.
+    The edge of the area is interpolated linearly between cell centres. The edge is at most halfway
+    to a cell that fire does not reach; no part of the area is therefore off the landscape.
     """
     from contourpy import FillType, contour_generator
     from shapely.geometry import MultiPolygon, Polygon
@@ -120,8 +119,8 @@ def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> A
 def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floats:
     """Return arrival times minus ``time_s`` in a window and the cells around it.
 
-    A cell that fire never reaches has the largest time since arrival among its neighbours, so that
-    the interpolated edge is at most halfway to this cell.
+    A cell that fire never reaches is given the largest time since arrival among its neighbours, so
+    that the interpolated edge is at most halfway to this cell.
     """
     wider = slice(window[0].start, window[0].stop + 2), slice(window[1].start, window[1].stop + 2)
     ahead_s = padded_s[wider] - time_s

@@ -37,12 +37,12 @@ class FrontRates:
     def speeds_m_s(
         self, rows: Integers, cols: Integers, north: Floats, east: Floats, at_s: float
     ) -> Floats:
-        """Return the speed (n,) in m/s at which the front in each cell moves along its normal.
+        """Return the speed (n,) in m/s at which the front in each cell moves along its own normal.
 
         Args:
             rows, cols: The cells (n).
             north, east: Outward normals of the front in these cells (n), unit vectors on the grid.
-            at_s: The time of the weather.
+            at_s: The time whose weather applies.
 
         The speed is 0 where fire does not spread. The speed is the support function of the ellipse
         A |v| - B v = 1 in the direction (north, east) (Huygens). |v| is measured on the slope; A
@@ -60,14 +60,14 @@ class FrontRates:
         at_s: float,
         wind: tuple[float, float],
     ) -> Floats:
-        """Return speeds as ``speeds_m_s`` does, but in a wind as for ``in_wind``."""
+        """Return speeds as ``speeds_m_s`` does, but in the given wind (see ``in_wind``)."""
         return self.in_wind(at_s, wind, rows.size).speeds_m_s(rows, cols, north, east)
 
     def in_wind(self, at_s: float, wind: tuple[float, float], room: int) -> "SteadyRates":
         """Return the rates in a given wind, for repeated calls with at most ``room`` places.
 
         ``wind`` is the speed in m/s at 20 ft and the direction in degrees from which the wind
-        blows. With a wind field, the given wind replaces the wind of the entry.
+        blows. With a wind field, the given wind replaces the entry's wind.
         """
         entry = self._weather.index_at(at_s)
         toward = np.deg2rad(self._landscape.grid_deg(wind[1] + 180.0))
@@ -81,7 +81,7 @@ class FrontRates:
 
 
 class SteadyRates:
-    """The spread rates of fronts in constant weather; the ellipses of the last places are kept."""
+    """The spread rates of fronts in constant weather; the latest places' ellipses are kept."""
 
     def __init__(self, cols: int, terrain: Terrain, tables: Tables, entry: int, room: int) -> None:
         self._cols = cols

@@ -1,7 +1,7 @@
-"""Keep times and keys in a compiled heap; entries with equal times are ordered by key.
+"""Keep times and keys in a compiled heap; entries with the same time are ordered by key.
 
 Each entry has four children, which are close together in memory. The code that finds the earliest
-child has no branches, because the processor could not predict the branches.
+child has no branches, because the processor could not predict them.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ def push(times, keys, size, time, key):  # type: ignore[no-untyped-def]
 
 @inlined
 def _earlier(times, keys, one, other):  # type: ignore[no-untyped-def]
-    """Return the index of the earlier one of two entries."""
+    """Return the index of the earlier of two entries."""
     later = times[one] > times[other]
     later |= (times[one] == times[other]) & (keys[one] > keys[other])
     return other if later else one

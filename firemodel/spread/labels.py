@@ -1,8 +1,8 @@
-"""Store arrival times and sources of the nodes of the any-angle scheme.
+"""Store the arrival times and sources of the any-angle scheme's nodes.
 
-A node is a corner of a cell, the centre of a cell or, in the precise variant, the middle of an
-edge. Positions are (y, x) in cells from the north-west corner of the grid, so that corners have
-whole numbers. A node's place in the lattice is (i, j) = (2 y, 2 x): both are even at a corner, both
+A node is a corner of a cell, the centre of a cell or, in the precise variant, an edge midpoint.
+Positions are (y, x) in cells from the north-west corner of the grid, so that corners have integer
+coordinates. A node's place in the lattice is (i, j) = (2 y, 2 x): both are even at a corner, both
 odd at a centre. Fire passes through corners and edges; centres only receive arrival times.
 """
 
@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 
-BESIDE_ROWS = 2  # largest number of rows of cells between a node and the nodes that it reaches
+BESIDE_ROWS = 2  # maximum number of cell rows between a node and the nodes that it reaches
 
 
 class Lattice(NamedTuple):
     """The numbering of the nodes by keys, cell by cell, so that neighbours are close in memory.
 
-    The keys of a cell are those of its north-west corner, of the middles of its north edge and its
-    west edge (only with middles of edges), and of its centre, in this order. The keys include one
-    row and one column of cells beyond the grid.
+    The keys of a cell are those of its north-west corner, of the midpoints of its north and west
+    edges (only with edge midpoints), and of its centre, in this order. The keys include one row and
+    one column of cells beyond the grid.
     """
 
-    step: int  # spacing in i and j of the nodes on edges: 2 with corners alone, 1 with middles
-    rows: int  # number of rows of cells
+    step: int  # spacing in i and j of the nodes on edges: 2 with corners alone, 1 with midpoints
+    rows: int  # number of cell rows
     cols: int
     each: int  # number of keys for each cell: 2 or 4
 
@@ -42,10 +42,10 @@ class Labels(NamedTuple):
 
 
 class Points(NamedTuple):
-    """Sources that are not nodes: lit points, bends, and the front at a change of weather."""
+    """Sources that are not nodes: lit points, bends, and the front at a weather change."""
 
     at: Floats  # (k, 3) position and time: y, x, s
-    beside: NDArray[np.int32]  # (k, 2) the next points to both sides on the front; -1 for none
+    beside: NDArray[np.int32]  # (k, 2) the next points on both sides along the front; -1 for none
 
 
 class Queue(NamedTuple):
@@ -57,7 +57,7 @@ class Queue(NamedTuple):
 
 
 class ActivePaths(NamedTuple):
-    """Lines along which fire was moving at the last change of weather, and lines from lit cells."""
+    """Lines along which fire was moving at the last weather change, and lines from lit cells."""
 
     target: NDArray[np.int32]  # (k) key of the node at the end of the line
     at: Floats  # (k, 3) position of the fire: y, x, time
@@ -122,7 +122,7 @@ def empty_labels(burnable: NDArray[np.bool_], lattice: Lattice) -> Labels:
 def settle(
     labels: Labels, arrival_s: Floats, burnable: NDArray[np.bool_], lattice: Lattice
 ) -> None:
-    """Set the labels of an initial fire with the arrival times (y, x) of its burned cells.
+    """Set the labels of an initial fire from the arrival times (y, x) of its burned cells.
 
     A node on an edge has burned if all burnable cells beside it have burned; the time of its label
     is the latest of their arrival times.
@@ -182,7 +182,7 @@ def tips_with(tips: Tips, chosen: NDArray[np.bool_], paths: ActivePaths, labels:
 
 @kernel
 def rewind(labels, arrival_s, model, model_arrival_s, lattice):  # type: ignore[no-untyped-def]
-    """Copy the labels ``model`` and their arrival times (y, x) into changed copies of them.
+    """Reset changed copies to the labels ``model`` and their arrival times (y, x).
 
     Only rows in which nodes may have changed are copied.
     """
@@ -203,7 +203,7 @@ def rewind(labels, arrival_s, model, model_arrival_s, lattice):  # type: ignore[
 
 
 def keys_of(i: NDArray[np.int64], j: NDArray[np.int64], lattice: Lattice) -> NDArray[np.int64]:
-    """Return the keys of nodes at places (i, j), which are arrays; see ``key_of``."""
+    """Return the keys of the nodes at places (i, j), given as arrays; see ``key_of``."""
     slot = i % 2 if lattice.each == 2 else 2 * (i % 2) + j % 2
     return lattice.each * ((i // 2) * (lattice.cols + 1) + j // 2) + slot
 
@@ -262,7 +262,7 @@ def add_point(points, used, y, x, at_s, left, right):  # type: ignore[no-untyped
 
 @kernel
 def add_path(paths, count, first, target, y, x, at_s):  # type: ignore[no-untyped-def]
-    """Store a path, unless one of the paths from ``first`` on begins at the same position.
+    """Store a path unless one of the paths from ``first`` on starts at the same position.
 
     Returns the number of paths.
     """
@@ -278,7 +278,7 @@ def add_path(paths, count, first, target, y, x, at_s):  # type: ignore[no-untype
 def paths_to_centres(found, arrival_s, top, left, cell_m, points, labels, lattice):  # type: ignore[no-untyped-def]
     """Set the vectors (2, y, x) from sources to burned centres, in m north and east.
 
-    ``found`` and ``arrival_s`` (y, x) are those of a window with the cell (top, left).
+    ``found`` and ``arrival_s`` (y, x) are those of a window whose first cell is (top, left).
     """
     for y_in in range(arrival_s.shape[0]):
         for x_in in range(arrival_s.shape[1]):
@@ -294,19 +294,19 @@ def paths_to_centres(found, arrival_s, top, left, cell_m, points, labels, lattic
 
 @kernel
 def _lowest(front_of, point):  # type: ignore[no-untyped-def]
-    """Return the lowest number of the points that have been joined with a point."""
+    """Return the lowest index among the points that have been joined with a point."""
     while front_of[point] != point:
-        front_of[point] = front_of[front_of[point]]  # shortens the way for the next call
+        front_of[point] = front_of[front_of[point]]  # shortens the search in the next call
         point = front_of[point]
     return point
 
 
 @kernel
 def join_fronts(beside, front_of):  # type: ignore[no-untyped-def]
-    """Set the number of each point's front, which is the lowest number of the front's points.
+    """Set the number of each point's front, which is the lowest index of the front's points.
 
     ``beside`` (k, 2) is as in ``Points``. On entry, ``front_of`` (k) contains each point's own
-    number.
+    index.
     """
     for point in range(front_of.size):
         for side in range(2):
@@ -318,11 +318,11 @@ def join_fronts(beside, front_of):  # type: ignore[no-untyped-def]
 
 
 def without_unused(points: Points, labels: Labels, since_s: float) -> tuple[Points, Labels]:
-    """Return the points that are still needed, and the labels with their new numbers.
+    """Return the points that are still needed, and the labels with the new indices.
 
-    For a node that was reached before ``since_s``, the last change of weather, only the point that
-    is the node's source is kept. For all other nodes, all points of the front on which the source
-    lies are kept.
+    For a node that was reached before ``since_s``, the last weather change, only the point that is
+    the node's source is kept. For all other nodes, all points of the front on which the source lies
+    are kept.
     """
     count, keys = len(points.at), labels.best_s.size
     at_point = np.flatnonzero(labels.source >= keys)

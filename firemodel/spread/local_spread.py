@@ -32,12 +32,12 @@ from firemodel.spread.crown_spread import (
 )
 from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
-HEAT, CROWN = 6, 7  # places in ``Tables.terms``
+HEAT, CROWN = 6, 7  # indices in ``Tables.terms``
 NO_FACTOR = np.ones(1, dtype=np.float32)
 ONE_FUEL = np.zeros(1, dtype=np.int64)
 NO_GRIDS = np.empty((0, 2, 1), dtype=np.float32)
-FIRST_GRID = 3  # place in ``Tables.wind`` of the first grid
-MAX_FACTOR = 1e6  # limit of factors of wind and spread rates
+FIRST_GRID = 3  # index of the first grid in ``Tables.wind``
+MAX_FACTOR = 1e6  # limit of the factors of wind and spread rate
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
 _eccentricity = kernel(rothermel.eccentricity)
@@ -48,21 +48,21 @@ class Terrain(NamedTuple):
 
     fuel: NDArray[np.int16]  # (n) index of the fuel bed in the tables; -1 if it does not burn
     gradient: NDArray[np.float32]  # (2, n) rise per metre towards north and east
-    midflame: NDArray[np.float32]  # (n) midflame wind over wind 20 ft above the vegetation
+    midflame: NDArray[np.float32]  # (n) ratio of midflame wind to wind 20 ft above vegetation
     rate_factor: NDArray[np.float32]  # (n) factor of the spread rate; (1) if it is 1 everywhere
     canopy: Canopy  # arrays (n); (1) without crown fire
     wind_grids: NDArray[np.float32] = NO_GRIDS  # (grids, 2, n) of the entries' wind fields
 
 
 class Tables(NamedTuple):
-    """The inputs of the spread for each weather entry."""
+    """The spread inputs for each weather entry."""
 
     # (entries, fuel beds, 8): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ, intensity
     # (kW/m) at a rate of 1 m/s, the crown's factor (``crown_factor``)
     terms: Floats
     # (entries, 3): m/s at 20 ft, unit vector toward which it blows (grid north, east). With grids
-    # (entries, 9): then, for each of two grids, number and complex factor; the first number is -1
-    # if the wind of the entry is the same everywhere.
+    # (entries, 9): then, for each of two grids, its index and complex factor; the first index is -1
+    # if the entry's wind is the same everywhere.
     wind: Floats
     crown_method: int = NO_CROWNS
     fuel_of_bed: NDArray[np.int64] = ONE_FUEL  # (fuel beds) index in ``Landscape.burnable_codes``
@@ -71,12 +71,12 @@ class Tables(NamedTuple):
 class FuelBeds(NamedTuple):
     """The combinations of fuel and moisture zone on a landscape, in ascending order.
 
-    Without moistures of zones, each fuel is one bed.
+    Without zone moistures, each fuel is one bed.
     """
 
     fuel: NDArray[np.int64]  # (beds) index of the fuel in ``Landscape.burnable_codes``
     zone: NDArray[np.int64]  # (beds) index of the moisture zone; 0 without zones
-    of_cell: NDArray[np.int16]  # (n) index of the bed of each cell; -1 if it does not burn
+    of_cell: NDArray[np.int16]  # (n) index of each cell's bed; -1 if the cell does not burn
 
 
 def fuel_beds(landscape: Landscape, entries: Sequence[Weather]) -> FuelBeds:
@@ -109,7 +109,7 @@ def terrain_of(
 ) -> Terrain:
     """Return the flattened cells of a landscape, with the fuel beds in the given weather.
 
-    Raises FireModelError if crown fire is to be computed and the landscape has no canopy layers.
+    Raises FireModelError if crown fire is enabled and the landscape has no canopy layers.
     """
     midflame = _midflame(landscape).ravel()
     canopy = NO_CANOPY
@@ -148,9 +148,9 @@ def _window_of_grids(
 def _grids_of(
     landscape: Landscape, entries: Sequence[Weather]
 ) -> tuple[NDArray[np.float32], dict[int, int]]:
-    """Return the grids of all wind fields (grids, 2, n), and the place of each ``WindGrids``.
+    """Return the grids of all wind fields (grids, 2, n), and the index of each ``WindGrids``.
 
-    The key of a place is the identity of the object. Grids are copied only if there are several
+    The indices are keyed by the identity of the object. Grids are copied only if there are several
     objects.
 
     Raises FireModelError for a field of another landscape.
@@ -171,7 +171,7 @@ def _grids_of(
 
 
 def _midflame(landscape: Landscape) -> NDArray[np.float32]:
-    """Return the ratio (y, x) of midflame wind to wind at 20 ft, including shelter by trees."""
+    """Return the ratio (y, x) of midflame wind to wind at 20 ft, including sheltering by trees."""
     depth_ft = np.zeros(int(landscape.fuel_model.max()) + 1)
     for code in landscape.burnable_codes:
         depth_ft[code] = landscape.fuels[code].depth_ft
@@ -300,9 +300,9 @@ def wind_at(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
 def surface_head(cell, entry, wind, terrain, tables):  # type: ignore[no-untyped-def]
     """Return the fastest spread of the surface fire in a cell, and the eccentricity of the ellipse.
 
-    ``wind`` is the wind as from ``wind_at``. The result is the rate in m/s along the slope, the
-    unit vector (north, east) of the direction of spread, and the eccentricity. Wind and slope are
-    added as vectors (``rothermel.fastest_spread``).
+    ``wind`` is the wind as returned by ``wind_at``. The result is the rate in m/s along the slope,
+    the unit vector (north, east) of the direction of spread, and the eccentricity. Wind and slope
+    are added as vectors (``rothermel.fastest_spread``).
     """
     wind_m_s, wind_north, wind_east = wind
     terms, fuel = tables.terms, terrain.fuel[cell]
@@ -376,7 +376,7 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
 
 @inlined
 def same_conditions(cell, other, terrain):  # type: ignore[no-untyped-def]
-    """Return True if fire spreads equally in two cells in any weather."""
+    """Return True if fire spreads identically in two cells in any weather."""
     fuel, gradient, midflame, rate_factor, canopy, wind_grids = terrain
     same = (
         fuel[cell] == fuel[other]
@@ -402,7 +402,7 @@ def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     """Return A and the vector B (north, east) in s/m: the time along a vector v is A |v| - B v.
 
     v is horizontal; |v| is the length of v on the sloping plane. In that plane, an ellipse with the
-    ignition in a focus gives A = 1/(R (1 - e)) and a vector B of length e A towards the fastest
+    ignition at a focus gives A = 1/(R (1 - e)) and a vector B of length e A towards the fastest
     spread R. The result contains the horizontal projection of B. Where fire does not spread, A is
     infinite and B is 0.
     """

@@ -1,8 +1,8 @@
 """Simulate random spread with the cellular automaton of the virtual-agents paper (section 3.3).
 
-At each update a burning cell ignites each unburned neighbour with the same probability p_spread. Of
-the landscape, the automaton uses only the shape and the non-burnable cells (the paper has no such
-cells); the weather has no effect.
+At each update a burning cell ignites each unburned neighbour with the same probability p_spread.
+The automaton uses only the landscape's shape and non-burnable cells (the paper has no such cells);
+the weather has no effect.
 
 The paper leaves these points open:
 
@@ -48,7 +48,7 @@ from firemodel.spread.probabilistic_kernels import update
 
 
 class ProbabilisticFire(Fire):
-    """The automaton described in the module's docstring.
+    """The automaton described in the module docstring.
 
     ``burned_out_s`` (y, x) is the time at which each cell stopped burning, and infinity before
     that. There is an update every ``update_s`` after the start. A cell that is lit between two
@@ -86,7 +86,7 @@ class ProbabilisticFire(Fire):
         self.burned_out_s = np.full(landscape.shape, np.inf)
         self._ignitions = sorted(((t, row, col) for row, col, t in ignitions), reverse=True)
         self._cells = np.empty(0, dtype=np.int64)  # burning cells
-        self._lasted = np.empty(0, dtype=np.int64)  # updates for which each has burned
+        self._lasted = np.empty(0, dtype=np.int64)  # number of updates for which each has burned
         if burning:
             self._take_over(burning)
         self.advance(self.time_s)
@@ -112,7 +112,7 @@ class ProbabilisticFire(Fire):
         self._ignitions.sort(reverse=True)
 
     def copy(self) -> Self:
-        """Return a copy with the state of the random generator, so that both burn identically."""
+        """Return a copy with the random generator's state, so that both fires burn identically."""
         found = copy.copy(self)
         found.arrival_time_s = self.arrival_time_s.copy()
         found.burned_out_s = self.burned_out_s.copy()

@@ -1,4 +1,4 @@
-"""Define the options of spread rates, without importing compiled code."""
+"""Define the spread rate options, without importing compiled code."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ from firemodel.physics import CrownMethod
 
 
 class RateOptions(NamedTuple):
-    """The options of spread rates, which have the same names in scenarios and schemes."""
+    """The spread rate options, which have the same names in scenarios and schemes."""
 
     wind_limit: bool = False  # Rothermel's limit of the effective wind (see ``rothermel``)
     crown: CrownMethod = "none"  # the method of ``crown_fire``

@@ -1,9 +1,9 @@
 """Restart an any-angle fire when the weather changes.
 
-Each line along which fire is moving is cut at the position of the fire. The cuts on the best lines
-to neighbouring nodes are the tips; tips that are close together are joined. Fire then spreads from
-the whole front (Huygens) and not only from single points; otherwise frequent changes of weather
-would distort the fire.
+Each line along which fire is moving is cut at the fire's position. The cuts on the best lines to
+neighbouring nodes are the tips; tips that are close together are joined. Fire then spreads from the
+whole front (Huygens) and not only from single points; otherwise frequent weather changes would
+distort the fire.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, trave
 NEAR_FRONT = 4  # distance in i and j up to which a point of a front has paths to nodes
 WINDOW = 6  # maximum distance in i and j from a node to the segment from which fire reaches it
 SEGMENT_CELLS = 1.5  # largest distance between two neighbouring tips that are joined
-FARTHER = 1.5  # lines extend this many times as far as the chord between two tips
+FARTHER = 1.5  # lines extend to this multiple of the distance to the chord between two tips
 PIECES = 4  # number of pieces into which the front between two tips is divided
 POINTS_PER_TIP = 2 + 2 * (PIECES - 1)  # maximum; includes one point for the slide of the tip's node
 APPROACH = 0.25  # smallest cosine between the paths from two tips and the line that joins them
@@ -95,7 +95,7 @@ def _add_paths_from(front_yx, at_s, best_s, lattice, keys, paths):  # type: igno
 
 @kernel
 def _position_at(y, x, to_i, to_j, time_s, ground, entry):  # type: ignore[no-untyped-def]
-    """Return the position of fire that has moved from a position towards a node for a time."""
+    """Return the position of fire that has moved from (y, x) towards a node for ``time_s``."""
     to_y, to_x = 0.5 * to_i, 0.5 * to_j
     _, part = travel(y, x, to_y, to_x, time_s, ground, entry)
     return y + part * (to_y - y), x + part * (to_x - x)
@@ -118,12 +118,12 @@ def active_paths(  # type: ignore[no-untyped-def]
     found,
     tips,
 ):
-    """Find every line along which fire is moving at a time.
+    """Find every line along which fire is moving at the given time.
 
-    ``found`` receives the paths from the last weather change that are not completed, and the paths
-    to neighbours of nodes that were reached since then. ``tips`` receives, for each node next to
-    the fire, the position of the fire on the best line to this node. Returns the number of paths in
-    ``found`` and in ``tips``, and the number of points in use.
+    ``found`` receives the paths from the last weather change that are not yet completed, and the
+    paths to neighbours of nodes that were reached since then. ``tips`` receives, for each node next
+    to the fire, the position of the fire on the best line to this node. Returns the number of paths
+    in ``found`` and in ``tips``, and the number of points in use.
     """
     best_s, sources, _ = labels
     count = tip = 0
@@ -192,7 +192,8 @@ def _approach(at, tip, other, i, j, other_i, other_j):  # type: ignore[no-untype
 def _neighbour_tip(tip, i, j, next_i, next_j, tips, marks, lattice):  # type: ignore[no-untyped-def]
     """Return the tip at node (next_i, next_j) if it is on the front of the tip at (i, j), else -1.
 
-    ``marks`` has -2 - k at the key of tip k. Tips that approach each other are on different fronts.
+    ``marks`` contains -2 - k at the key of tip k. Tips that approach each other are on different
+    fronts.
     """
     if not (0 <= next_i <= 2 * lattice.rows and 0 <= next_j <= 2 * lattice.cols):
         return -1
@@ -206,7 +207,7 @@ def _neighbour_tip(tip, i, j, next_i, next_j, tips, marks, lattice):  # type: ig
 
 @kernel
 def _join_tips(tips, marks, joined, lattice):  # type: ignore[no-untyped-def]
-    """Store the neighbours of each tip on the front, in the steps ``NEXT_I``; -1 for none.
+    """Store the neighbours of each tip on the front, one for each step of ``NEXT_I``; -1 for none.
 
     Neighbours that are farther apart than ``SEGMENT_CELLS`` are left out.
     """
@@ -267,7 +268,7 @@ def _along_front(to_i, to_j, tips, joined, marks, ground, lattice, entry):  # ty
 
 @kernel
 def _beside(k, tips, marks, lattice):  # type: ignore[no-untyped-def]
-    """Return the next tips on the front on both sides of the path from tip k, or -1 for none."""
+    """Return the next tips along the front on either side of the path from tip k; -1 for none."""
     i, j = ij_of(np.int64(tips.target[k]), lattice)
     left = right = -1
     left_2 = right_2 = SEGMENT_CELLS * SEGMENT_CELLS
@@ -320,7 +321,7 @@ def _divide(k, other, side, at_s, first, tips, points, used, ground, lattice, en
 
 @kernel
 def _known_tips(paths, tips, marks, best, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Set each unknown tip to the beginning of the fastest path to its node.
+    """Set each unknown tip to the start of the fastest path to its node.
 
     ``best`` (tips) is a work array.
     """

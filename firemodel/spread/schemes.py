@@ -27,24 +27,24 @@ class Scheme(NamedTuple):
 
     module: str
     fire: str  # the name of the class
-    arguments: tuple[str, ...]  # of the class; they are also keys of a scenario's table [fire]
+    arguments: tuple[str, ...]  # of the class; also keys of a scenario's [fire] table
     random: bool = False  # True if the class has the argument ``rng``, a random generator
     emits_firebrands: bool = False  # True if the class has ``firebrands``
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """The settings of ``new_fire``, which are also keys of a scenario's table [fire]."""
+        """The settings of ``new_fire``, which are also keys of a scenario's [fire] table."""
         spotting = SPOTTING if self.emits_firebrands else ()
         return (*self.arguments, *spotting, *(() if self.random else (ACCELERATION,)))
 
 
 CROWN = ("crown", "foliar_moisture_pct")
-# 50 firebrands for a burning cell of 30 m (Perryman et al. 2013), of which 1 % land on receptive
-# fuel, as the lowest usual "ignition frequency" in FARSITE.
+# 50 firebrands for a burning 30 m cell (Perryman et al. 2013), of which 1 % land on receptive fuel,
+# the lowest "ignition frequency" commonly used in FARSITE.
 FIREBRANDS_PER_HA, AIR_TEMPERATURE_C = 5.0, 25.0
 ACCELERATION = "acceleration"
 # Spot fires burn on the clock of the fire that emits them. Instead of accelerating, they begin
-# later, by the delay of an accelerated fire after a long time.
+# later, by the eventual delay of an accelerating fire.
 SPOT_FIRE_DELAY_S = 1.0 / POINT_PER_S
 SPOTTING = ("spotting", "firebrands_per_ha", "air_temperature_c")
 SCHEMES: dict[SchemeName, Scheme] = {
@@ -72,7 +72,7 @@ def new_fire(
     closings: "Sequence[Closing]" = (),
     **settings: Any,
 ) -> "Fire":
-    """Create a fire that spreads by a scheme.
+    """Create a fire that spreads according to the given scheme.
 
     Args:
         name: The scheme, a key of ``SCHEMES``.
@@ -81,7 +81,7 @@ def new_fire(
         ignitions: (row, column, time in s) of each cell that is lit.
         burning: An initial fire that the model continues.
         seed: Seed of the random generator, for schemes that use random numbers and for spotting.
-        closings: Cells that cannot burn from a time on (``control_lines``).
+        closings: Cells that cannot burn from a given time on (``control_lines``).
         settings: The scheme's ``settings``, by name; omitted settings have their defaults.
             ``spotting`` lets burning crowns emit ``firebrands_per_ha`` (``firebrands``). With
             ``acceleration`` new fires accelerate (``accelerated_fire``).

@@ -23,19 +23,19 @@ STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1])
 
 
 class Ground(NamedTuple):
-    """The inputs of travel times; cells are flattened (n)."""
+    """The inputs for travel times; cells are flattened (n)."""
 
     cols: int
     cell_m: float
     terrain: Terrain
     tables: Tables
-    reach: NDArray[np.int16]  # (n) distance in cells within which all cells equal this cell
+    reach: NDArray[np.int16]  # (n) distance in cells within which all cells are like this one
     # One record of 32 bytes for each cell, read in one memory access: A, B north, B east in float64
     # (places 0 to 2 of 4; A is NaN if not yet computed and inf where no fire spreads), and the rise
     # towards north and east in float32 (places 6 and 7 of 8).
     slowness: Floats  # (4 n)
     rise: NDArray[np.float32]  # (8 n), the same memory
-    computed: NDArray[np.int32]  # (n + 1) number of the computed cells, then their indices
+    computed: NDArray[np.int32]  # (n + 1) number of computed cells, then their indices
 
 
 def ground_of(landscape: Landscape, entries: Sequence[Weather], options: RateOptions) -> Ground:
@@ -56,18 +56,18 @@ def ground_of(landscape: Landscape, entries: Sequence[Weather], options: RateOpt
 
 
 def with_slowness(ground: Ground, slowness: Floats, computed: NDArray[np.int32]) -> Ground:
-    """Return a ``Ground`` with other arrays of slownesses and of computed cells."""
+    """Return a ``Ground`` with the given arrays of slownesses and computed cells."""
     return ground._replace(slowness=slowness, rise=slowness.view(np.float32), computed=computed)
 
 
 def with_tables(ground: Ground, tables: Tables) -> Ground:
-    """Return a ``Ground`` with other tables of the same landscape; no slowness is computed yet."""
+    """Return a ``Ground`` with new tables of the same landscape; no slowness is computed yet."""
     slowness = np.full(ground.slowness.size, np.nan)
     return with_slowness(ground, slowness, np.zeros_like(ground.computed))._replace(tables=tables)
 
 
 def with_rate_factor(ground: Ground, rate_factor: NDArray[np.float32]) -> Ground:
-    """Return a ``Ground`` with other rate factors (n); slownesses must have been cleared before."""
+    """Return a ``Ground`` with new rate factors (n); slownesses must have been cleared before."""
     terrain = ground.terrain._replace(rate_factor=rate_factor)
     return ground._replace(terrain=terrain, reach=_reach(terrain, ground.cols))
 
@@ -82,7 +82,7 @@ def with_weather_of(ground: Ground, model: Ground, tables: Tables) -> Ground:
 
 
 def with_closed(ground: Ground, cells: NDArray[np.bool_]) -> Ground:
-    """Return a ``Ground`` in which further cells (n) cannot burn; as in ``with_rate_factor``."""
+    """Return a ``Ground`` in which the given cells (n) cannot burn; see ``with_rate_factor``."""
     fuel = np.where(cells, np.int16(-1), ground.terrain.fuel)
     reach = ground.reach.copy()
     _lower_reach(reach, np.flatnonzero(cells), ground.cols)
@@ -115,7 +115,7 @@ def _lower_reach(reach, changed, cols):  # type: ignore[no-untyped-def]
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
     """Return each cell's chessboard distance to the nearest cell with a different neighbour.
 
-    The algorithm is the two-pass algorithm of Rosenfeld & Pfaltz 1966.
+    This is the two-pass algorithm of Rosenfeld & Pfaltz 1966.
     """
     n = terrain.fuel.size
     rows = n // cols
@@ -202,7 +202,7 @@ def clear_slowness(ground):  # type: ignore[no-untyped-def]
 
 @kernel
 def restore_slowness(ground, model):  # type: ignore[no-untyped-def]
-    """Replace the computed slownesses by those of another ``Ground`` of the same landscape."""
+    """Replace the computed slownesses with those of another ``Ground`` of the same landscape."""
     clear_slowness(ground)
     for number in range(1, model.computed[0] + 1):
         cell = model.computed[number]
@@ -214,7 +214,7 @@ def restore_slowness(ground, model):  # type: ignore[no-untyped-def]
 
 @inlined
 def prepare(cell, ground, entry):  # type: ignore[no-untyped-def]
-    """Compute the slowness of a cell unless the slowness is known."""
+    """Compute the slowness of a cell unless it is already known."""
     if ground.slowness[4 * cell] != ground.slowness[4 * cell]:
         _compute_slowness(cell, ground, entry)
 
@@ -246,7 +246,7 @@ def cell_at(y, x, ground):  # type: ignore[no-untyped-def]
 
 @kernel
 def evenest_cell(y, x, ground):  # type: ignore[no-untyped-def]
-    """Of the cells at a position (y, x), return the cell with the largest ``reach``."""
+    """Return the cell with the largest ``reach`` among the cells at a position (y, x)."""
     rows, found = ground.reach.size // ground.cols, -1
     for row in range(max(math.ceil(y) - 1, 0), min(math.floor(y) + 1, rows)):
         for col in range(max(math.ceil(x) - 1, 0), min(math.floor(x) + 1, ground.cols)):
@@ -409,9 +409,9 @@ def from_segment(y, x, other_y, other_x, to_y, to_x, most_cells, ground, entry):
 
     The result is the time and the point (y, x).
 
-    For the whole path, the slowness of one cell is used: the last cell on the path from the middle
-    of the piece. Let d be the vector along the piece, w the vector from the start of the piece to
-    the target, and s the position along the piece as a fraction of d. The time A |w - s d| - B (w -
+    For the whole path, the slowness of one cell is used: the last cell on the path from the piece's
+    midpoint. Let d be the vector along the piece, w the vector from the start of the piece to the
+    target, and s the position along the piece as a fraction of d. The time A |w - s d| - B (w -
     s d) has its minimum where the derivative with respect to s is 0. The unit of the time is s/m
     times cells. The time is infinite if the ends are more than ``most_cells`` apart, or if fire
     does not spread in the cell.

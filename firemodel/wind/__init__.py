@@ -1,4 +1,4 @@
-"""Compute the wind in each cell over terrain, without divergence, from one wind.
+"""Compute a divergence-free wind in each cell over terrain, from one wind.
 
 ``terrain_wind`` solves a landscape once; its result gives the wind for any speed and direction.
 """

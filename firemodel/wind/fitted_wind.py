@@ -21,7 +21,7 @@ class MeasuredWind(NamedTuple):
     """A wind measured by a station or an aircraft.
 
     The position is in rows and columns of the landscape (see ``Landscape``). ``from_deg`` is
-    clockwise from grid north. ``sd_m_s`` is the standard deviation of the error of each component;
+    clockwise from grid north. ``sd_m_s`` is the standard deviation of the error in each component;
     a measurement with twice the deviation has a quarter of the weight.
     """
 
@@ -34,10 +34,10 @@ class MeasuredWind(NamedTuple):
 
 
 class FittedWind(NamedTuple):
-    """The reference wind fitted to measurements, which varies in space.
+    """The spatially varying reference wind that was fitted to measurements.
 
-    The reference wind at a position (speeds towards north and towards east, in m/s) is ``mean``
-    plus the covariances with the measured positions times ``gains`` (m, 2).
+    The reference wind at a position (speeds towards north and east, in m/s) is ``mean`` plus the
+    covariances with the measured positions times ``gains`` (m, 2).
     """
 
     mean: Floats
@@ -89,7 +89,7 @@ def fit_wind(
     length_m: float = LENGTH_M,
     deviation_m_s: float = DEVIATION_M_S,
 ) -> FittedWind:
-    """Return the reference wind that fits measurements best.
+    """Return the reference wind that best fits the measurements.
 
     The wind at a place is the response of the terrain to a reference wind that varies slowly in
     space: an unknown mean plus a Gaussian process with an exponential covariance (universal

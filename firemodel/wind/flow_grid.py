@@ -1,8 +1,8 @@
 """Build the terrain-following grid on which the wind is solved.
 
 The levels are at the heights ``z = h + (top - h) s_k`` above a ground of elevation h, with s from 0
-(the ground) to 1 (a flat top). The thickness of the layers grows upwards by a constant factor. The
-landscape is surrounded by a buffer with the elevations of its edge.
+(the ground) to 1 (a flat top). The layer thickness grows upwards by a constant factor. The
+landscape is surrounded by a buffer with the elevations of the landscape's edge.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from firemodel.errors import FireModelError
 
 LAYERS = 20
 MIN_BUFFER_CELLS = 8
-BUFFER_MULTIPLE = 16  # columns and rows are a multiple of it, so that the grid can be halved often
+BUFFER_MULTIPLE = 16  # divides the numbers of columns and rows, so that grids can be halved often
 MIN_DEPTH_M = 1000.0
 MIN_DEPTH_IN_RELIEFS = 2.0  # the flow above the highest ground is at least this deep
 FIRST_LAYER_M = 2.0
@@ -27,9 +27,9 @@ MAX_ELEVATION_M = 9000.0
 class FlowGrid:
     """Columns of square cells, and levels that follow the terrain.
 
-    ``elevation_m`` (y, x) includes the buffer of ``buffer`` cells (rows, columns before the first
-    of the landscape); ``shape`` is that of the landscape without buffer. ``levels`` (n + 1) are the
-    shares s_k of the depth of the flow; ``depth_m`` (y, x) is the depth itself.
+    ``elevation_m`` (y, x) includes the buffer; ``buffer`` contains the numbers of rows and of
+    columns before the landscape; ``shape`` is that of the landscape without the buffer. ``levels``
+    (n + 1) are the shares s_k of the depth of the flow; ``depth_m`` (y, x) is the depth itself.
     """
 
     elevation_m: Floats
@@ -124,14 +124,14 @@ def block_means(values: NDArray[np.floating], factor: int) -> Floats:
 
 
 def _buffer(cells: int) -> tuple[int, int]:
-    """Return the number of buffer cells before and after a number of cells."""
+    """Return the number of buffer cells before and after a row or column of ``cells`` cells."""
     total = -(-(cells + 2 * MIN_BUFFER_CELLS) // BUFFER_MULTIPLE) * BUFFER_MULTIPLE
     before = (total - cells) // 2
     return before, total - cells - before
 
 
 def growing_levels(layers: int, first: float) -> Floats:
-    """Return levels (layers + 1) from 0 to 1; the distance grows by a factor, from ``first``."""
+    """Return levels (layers + 1) from 0 to 1; the spacing grows geometrically from ``first``."""
     if first * layers >= 1.0:
         return np.linspace(0.0, 1.0, layers + 1)
 

@@ -19,12 +19,12 @@ from firemodel.compiled import inlined, kernel
 RIGHT, BELOW, RISE_RIGHT, RISE_BELOW, INVERSE_DEPTH, SLOPES = range(6)
 # Rows of ``layers``; the width belongs to level k, the others to the layer below level k.
 WIDTH, TAPER, INVERSE, TAPER2 = range(4)
-NEAR, FAR = np.float32(0.75), np.float32(0.25)  # weights of a linear interpolation by half a cell
+NEAR, FAR = np.float32(0.75), np.float32(0.25)  # weights of linear interpolation between grids
 
 
 @inlined
 def _rise(phi, ground, k, row, col):  # type: ignore[no-untyped-def]
-    """Return the sum of slope times difference of the potential over the four faces of a cell."""
+    """Return the sum of slope times potential difference over the four faces of a cell."""
     here = phi[k, row, col]
     return (
         ground[RISE_RIGHT, row, col] * (phi[k, row, col + 1] - here)
@@ -339,9 +339,9 @@ def _correction(phi, k, row, col, ground, layers, depth):  # type: ignore[no-unt
 def corrections_at(phi, rows, cols, shares, centres, out, ground, layers, depth):  # type: ignore[no-untyped-def]
     """Write the corrections of the wind in columns to ``out`` (2, m), towards east and south.
 
-    ``rows`` and ``cols`` (m) count the margin; ``shares`` (m) are heights above the ground as
-    shares of the depth of the flow. The corrections are interpolated between the ``centres`` (n)
-    of the volumes, and constant below the first and above the last of them.
+    ``rows`` and ``cols`` (m) are indices that include the margin; ``shares`` (m) are heights above
+    the ground as shares of the depth of the flow. The corrections are interpolated between the
+    ``centres`` (n) of the volumes, and constant below the first and above the last of them.
     """
     levels = centres.shape[0]
     for i in range(rows.shape[0]):

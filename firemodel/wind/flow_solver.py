@@ -24,7 +24,7 @@ COARSEST_SWEEPS = 6
 
 
 class Potential(NamedTuple):
-    """The potential (n + 1, y, x) of a correction, with margins; ``steps`` are those of the solver.
+    """The potential (n + 1, y, x) of a correction, with margins; ``steps`` counts solver steps.
 
     ``divergence_1_s`` is the largest divergence of the corrected wind.
     """
@@ -133,12 +133,12 @@ class MultigridCycle:
 def solve_potential(
     grid: FlowGrid, initial: Initial, alpha_ratio: float, tolerance_1_s: float
 ) -> Potential:
-    """Return the potential that makes an initial wind free of divergence.
+    """Return the potential that makes an initial wind divergence-free.
 
     Args:
         grid: The grid.
         initial: The mean initial speeds in m/s in the volumes around the levels, with the buffer,
-            without margin; None is 0.
+            without margin; None means 0.
         alpha_ratio: See ``coefficients``.
         tolerance_1_s: The largest divergence in 1/s that may remain.
 

@@ -1,4 +1,4 @@
-"""Diurnal slope flow: wind up sunlit slopes by day and down cooling slopes by night.
+"""Diurnal slope flow: wind up sunlit slopes by day and down cooling slopes at night.
 
 The speeds are those of shallow layers on long slopes, with a balance of buoyancy, friction and
 entrainment (Briggs 1979, NOAA ATDL 79/25, for upslope flow; Mahrt 1982, J. Atmos. Sci. 39, 2701,
@@ -22,7 +22,7 @@ from firemodel.wind.terrain_wind import MAX_DIVERGENCE, TerrainWind
 GRAVITY_M_S2 = 9.81
 AIR_J_M3_K = 1.2 * 1005.0  # heat capacity of air
 FREEZING_K = 273.15
-LAYER_DEPTH = 0.05  # depth of the layer as a share of the height difference
+LAYER_DEPTH = 0.05  # depth of the layer as a fraction of the height difference
 UPSLOPE_FRICTION = 0.2 + 0.2  # drag and entrainment coefficients
 DOWNSLOPE_FRICTION = 0.0001 + 0.01
 # Coefficients of Holtslag & van Ulden 1983 (J. Clim. Appl. Meteor. 22, 517).
@@ -37,14 +37,14 @@ class SlopeFlow(NamedTuple):
 
     north_m_s: Floats  # (y, x) towards north
     east_m_s: Floats
-    depth_m: Floats  # (y, x) of the layer above the displaced ground
+    depth_m: Floats  # (y, x) depth of the layer above the displaced ground
 
 
 def heat_flux_w_m2(sunlight_w_m2: Floats, temperature_c: float) -> Floats:
-    """Return the heat flux from the ground to the air below a clear sky, negative at night.
+    """Return the heat flux from the ground to the air under a clear sky, negative at night.
 
-    Net radiation by Holtslag & van Ulden 1983 for sunlight on the ground; a share heats the
-    ground, and the Bowen ratio divides the rest.
+    The net radiation is that of Holtslag & van Ulden 1983 for sunlight on the ground. A fraction of
+    it heats the ground, and the Bowen ratio divides the rest.
     """
     kelvin = temperature_c + FREEZING_K
     longwave = SKY_K6 * kelvin**6 - STEFAN_BOLTZMANN * kelvin**4
@@ -56,9 +56,9 @@ def heat_flux_w_m2(sunlight_w_m2: Floats, temperature_c: float) -> Floats:
 def sunlit_flux_w_m2(
     grid: FlowGrid, sun: Sun, convergence_deg: float, temperature_c: float
 ) -> Floats:
-    """Return the heat flux from the ground to the air at one time below a clear sky.
+    """Return the heat flux from the ground to the air at one time, under a clear sky.
 
-    Ridges that hide the sun are not considered.
+    Shading by ridges is not considered.
 
     Args:
         grid: The grid of the wind over terrain.
@@ -79,8 +79,8 @@ def slope_flow(grid: FlowGrid, flux_w_m2: Floats, temperature_c: float) -> Slope
     """Return the slope flow for a heat flux.
 
     Upslope flow depends on the height above the foot of the slope, downslope flow on the distance
-    and the height difference to its crest. Foot and crest are found along the steepest rise of the
-    cell.
+    and the height difference to the crest. The foot and the crest are found along the cell's
+    direction of steepest rise.
 
     Args:
         grid: The grid of the wind over terrain.
@@ -113,8 +113,8 @@ def slope_wind(
 ) -> NDArray[np.float32]:
     """Return the wind of a slope flow for each cell of the landscape.
 
-    The flow is made free of divergence like the wind over terrain; both winds may be added,
-    because the equations are linear.
+    The flow is made divergence-free like the wind over terrain. The two winds may be added, because
+    the equations are linear.
 
     Args:
         terrain: The solutions for the landscape.

@@ -1,4 +1,4 @@
-"""Measure the length and height of slopes upward or downward, compiled."""
+"""Measure the length and height of slopes, upwards or downwards (compiled)."""
 
 import math
 
@@ -22,8 +22,8 @@ def slope_lengths(elevation, rise, upward, cell_m, length_m, height_m):  # type:
     """Write the length and the height in m of the slope from each cell along a straight line.
 
     ``rise`` (2, y, x) is the rise per metre towards north and east. The line follows the steepest
-    rise of the cell where ``upward`` (y, x) is true, else the steepest fall, in steps of a cell, as
-    long as the ground rises or falls. ``length_m`` is measured along the ground.
+    rise of the cell where ``upward`` (y, x) is true, else the steepest fall, in steps of one cell,
+    as long as the ground rises or falls. ``length_m`` is measured along the ground.
     """
     rows, cols = elevation.shape
     for row in range(rows):

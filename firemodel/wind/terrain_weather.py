@@ -1,4 +1,4 @@
-"""Give the entries of a weather stream the local winds of a landscape."""
+"""Add the local winds of a landscape to the entries of a weather stream."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def wind_of_landscape(landscape: Landscape, run: MapFunction = map) -> TerrainWi
 
 
 def relative_to_station(responses: NDArray[np.float32], row: int, col: int) -> NDArray[np.float32]:
-    """Return responses (2, 2, y, x) to the wind in the cell of a station, not the free wind.
+    """Return responses (2, 2, y, x) to the wind in a station's cell instead of the free wind.
 
     Raises FireModelError for a station sheltered from the wind.
     """
@@ -79,13 +79,13 @@ def _free_per_local(responses: NDArray[np.float32], row: int, col: int) -> Float
 def over_terrain(
     weather: WeatherStream, responses: WindGrids, landscape: Landscape
 ) -> WeatherStream:
-    """Return a weather stream with winds that differ from place to place.
+    """Return a weather stream with winds that vary from place to place.
 
     Args:
-        weather: The stream; its winds are those at the station of ``responses_of``, or without a
-            station the free wind.
+        weather: The stream; its winds are those at the station of ``responses_of`` or, without a
+            station, the free wind.
         responses: The local winds for a wind of 1 m/s (``responses_of``).
-        landscape: The landscape; grid north may differ from true north.
+        landscape: The landscape; its grid north may differ from true north.
 
     Returns:
         The stream with a ``wind_field`` in each entry; all of them share ``responses``.
@@ -108,14 +108,14 @@ def responses_of(
     Args:
         landscape: A landscape with elevation.
         station: The cell (row, column) in which winds are measured; without a station, winds are
-            those of the free wind around the landscape.
+            the free wind around the landscape.
         run: Calls a function for each direction, like ``map``.
 
     Returns:
         Two grids: the local wind for a wind of 1 m/s towards grid north, and towards grid east.
 
     Raises:
-        FireModelError: See ``wind_of_landscape``; or the station is sheltered from the wind.
+        FireModelError: As for ``wind_of_landscape``, or the station is sheltered from the wind.
     """
     found = wind_of_landscape(landscape, run).responses(REFERENCE_M)
     return WindGrids(found if station is None else relative_to_station(found, *station))

@@ -36,9 +36,9 @@ MapFunction = Callable[[Callable[[Initial], Potential], list[Initial]], Iterable
 class TerrainWind:
     """Corrections of the wind for a reference wind of 1 m/s towards east, and towards south.
 
-    ``factor`` cells of the landscape in each direction are one column of the grid. ``surface`` is
-    that of the grid without its buffer. ``divergence`` is the largest divergence that remains, in
-    units of reference speed over cell size. ``steps`` are those of the solver.
+    ``factor`` by ``factor`` cells of the landscape form one column of the grid. ``surface`` is the
+    surface of the grid without its buffer. ``divergence`` is the largest divergence that remains,
+    in units of reference speed over cell size. ``steps`` counts the solver's steps.
     """
 
     grid: FlowGrid
@@ -67,7 +67,8 @@ class TerrainWind:
     def corrections(self, phi: Floats, above_m: Floats) -> Floats:
         """Return the correction (2, y, x) of a potential in each column of the grid.
 
-        ``above_m`` (y, x) are heights above the ground. The components are towards east and south.
+        ``above_m`` (y, x) contains heights above the ground. The components of the correction are
+        towards east and south.
         """
         rows, cols = np.indices(self.grid.shape).reshape(2, -1)
         return self._corrections(phi, rows, cols, above_m.ravel()).reshape(2, *self.grid.shape)
@@ -85,8 +86,8 @@ class TerrainWind:
     def responses_at(self, row: Floats, col: Floats, above_ground_m: Floats) -> Floats:
         """Return the wind (2, 2, m) at positions (m) of the landscape and heights (m).
 
-        The axes are those of ``responses``; the result is interpolated bilinearly. A position
-        outside the landscape has the wind of its edge.
+        The axes are those of ``responses``; the result is interpolated bilinearly. Positions
+        outside the landscape have the wind at the landscape's edge.
         """
         scaled = [(np.asarray(at, dtype=np.float64) + 0.5) / self.factor - 0.5 for at in (row, col)]
         sizes = self.grid.shape
@@ -151,18 +152,18 @@ def terrain_wind(
     """Solve the wind over terrain for two directions.
 
     The initial wind has the same speed and direction everywhere at ``reference_m`` above the
-    vegetation, and a logarithmic profile. The result is the wind without divergence that differs
-    least from it (Sasaki 1970, Mon. Wea. Rev. 98, 875; Sherman 1978, J. Appl. Meteor. 17, 312),
-    with open sides and an open top, as in WindNinja (Forthofer et al. 2014, IJWF 23, 969).
+    vegetation, and a logarithmic profile. The result is the divergence-free wind that differs least
+    from the initial wind (Sasaki 1970, Mon. Wea. Rev. 98, 875; Sherman 1978, J. Appl. Meteor. 17,
+    312), with open sides and an open top, as in WindNinja (Forthofer et al. 2014, IJWF 23, 969).
 
     Args:
         elevation_m: (y, x), row 0 in the north.
         cell_m: The size of the square cells in metres.
         surface: The vegetation of each cell (y, x).
         reference_m: The height of the reference wind above the vegetation.
-        alpha_ratio: The horizontal over the vertical precision modulus: 1 in neutral air
-            (Forthofer et al. 2014); less means less vertical motion, as in stable air.
-        max_columns: If the landscape has more cells, n by n cells are one column, with the
+        alpha_ratio: The ratio of the horizontal to the vertical precision modulus: 1 in neutral air
+            (Forthofer et al. 2014); a smaller value means less vertical motion, as in stable air.
+        max_columns: If the landscape has more cells, n by n cells form one column, with the
             smallest sufficient n.
         run: Calls a function for each direction, like ``map``; for example that of an executor.
 
@@ -207,7 +208,7 @@ def local_wind(
     Args:
         responses: (2, 2, ...) of ``TerrainWind.responses`` or ``responses_at``.
         speed_m_s: The speed of the reference wind.
-        from_deg: The direction from which it blows, clockwise from grid north.
+        from_deg: The direction from which the wind blows, clockwise from grid north.
 
     Returns:
         The wind (2, ...) towards grid north and towards grid east in m/s.

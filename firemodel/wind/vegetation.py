@@ -16,12 +16,12 @@ from firemodel.physics.rothermel import M_PER_FT
 from firemodel.wind.flow_grid import FlowGrid
 
 REFERENCE_M = 20.0 * M_PER_FT  # the height above the vegetation of the wind in weather entries
-DISPLACED, ROUGH = 0.64, 0.13  # shares of the height of the vegetation
-MIN_COVER = 0.05  # with fewer trees the height is that of the fuel bed, as in WindNinja
-BLENDING_M = 60.0  # from this height on the profile is that of the mean roughness (Wieringa 1986)
+DISPLACED, ROUGH = 0.64, 0.13  # fractions of the height of the vegetation
+MIN_COVER = 0.05  # with less canopy cover the height is that of the fuel bed, as in WindNinja
+BLENDING_M = 60.0  # above it the profile is that of the mean roughness (Wieringa 1986)
 BOUNDARY_LAYER_M = 1000.0  # above it the initial wind is constant
-# Heights in metres of ground without fuel. The values are WindNinja's, adjusted to the same
-# roughness length with the share above.
+# Heights in metres of ground without fuel. The values are WindNinja's, adjusted to give the same
+# roughness length with the fraction above.
 OTHER_HEIGHT_M = {91: 3.8, 92: 6e-4, 93: 0.77, 98: 1.2e-3, 99: 1.8e-3}
 MIN_HEIGHT_M = 6e-4
 
@@ -75,7 +75,7 @@ def profile_at(
     """Return the initial speed at heights above the ground, relative to the reference wind.
 
     The reference wind is at ``reference_m`` above the vegetation, the same everywhere. Up to this
-    height the profile is that of the cell, from 60 m on that of the mean roughness, in between a
+    height the profile is that of the cell, above 60 m that of the mean roughness, and in between a
     mixture.
     """
     lifted = np.minimum(above_m - surface.displacement_m, BOUNDARY_LAYER_M)

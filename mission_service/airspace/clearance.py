@@ -1,4 +1,4 @@
-"""Checks the space that a vehicle occupies against closed volumes and the altitude limit."""
+"""Checks the space occupied by a vehicle against closed volumes and the altitude limit."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.occupied_space import Part, Position
 from mission_service.airspace.volumes import Volume
 
-ROUNDING_M = 0.5  # tolerance of altitudes, because altitudes in missions are rounded
+ROUNDING_M = 0.5  # altitude tolerance, because altitudes in missions are rounded
 
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """The distances that planned flights keep from closed volumes, in metres."""
+    """The distances in metres that planned flights keep from closed volumes."""
 
     horizontal_m: float
     vertical_m: float
@@ -40,7 +40,7 @@ class Airspace:
         return next((volume for volume in self.volumes if volume.contains(*position)), None)
 
     def blocked(self, lowest_m: float, highest_m: float) -> list[Volume]:
-        """Return the volumes that concern flights between two altitudes, with the margin."""
+        """Return the volumes that affect flights between two altitudes, including the margin."""
         margin_m = self.margins.vertical_m
         return [
             volume
@@ -53,10 +53,10 @@ class Airspace:
     ) -> str | None:
         """Return the airspace that the parts would enter, in words; None without a conflict.
 
-        If a flight begins at ``start`` within the margin of a volume, the horizontal margin of the
-        parts within that margin of ``start`` is the distance of ``start`` from the volume, so that
-        the flight can leave the margin. Parts keep the full margin if they lead from above or below
-        the volume towards its altitudes.
+        If a flight begins at ``start`` within the margin of a volume, the parts near ``start``
+        (within that margin) need only be as far from the volume as ``start``, so that the flight
+        can leave the margin. Parts that lead from above or below the volume towards its altitudes
+        keep the full margin.
         """
         parts = list(parts)
         for volume in self.volumes:
@@ -90,7 +90,7 @@ class Airspace:
 
 
 def _leads_into(part: Part, altitude_m: float, volume: Volume) -> bool:
-    """Return whether a part leads from an altitude beyond a volume towards the volume."""
+    """Return whether a part leads from above or below a volume towards its altitudes."""
     climbs = altitude_m < volume.floor_m and part.highest_m > altitude_m + ROUNDING_M
     return climbs or (altitude_m > volume.ceiling_m and part.lowest_m < altitude_m - ROUNDING_M)
 
@@ -102,7 +102,7 @@ def blocked_area(volumes: Iterable[Volume], margin_m: float) -> BaseGeometry:
 
 
 def _highest_above_ground_m(part: Part, landscape: Landscape) -> float:
-    """Return the largest height above the lowest ground under a part of a flight."""
+    """Return a flight part's greatest height above the lowest ground below it."""
     line = part.shape.exterior if isinstance(part.shape, shapely.Polygon) else part.shape
     points = shapely.get_coordinates(shapely.segmentize(line, landscape.cell_size_m / 2.0))
     ground_m = landscape.elevation_at(points[:, 0], points[:, 1])

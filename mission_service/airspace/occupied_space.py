@@ -1,6 +1,6 @@
-"""The space that a vehicle occupies while it executes a command, for checks against volumes.
+"""The space that a vehicle occupies while executing a command, for checks against volumes.
 
-A leg occupies all altitudes between its ends, because autopilots differ in where on a leg they
+A leg occupies all altitudes between its ends, because autopilots differ as to where on a leg they
 climb. A loiter occupies its whole disc.
 """
 
@@ -20,8 +20,8 @@ from firemodel.landscape.landscape import Landscape
 Point = tuple[float, float]  # x, y in metres
 Position = tuple[float, float, float]  # x, y, altitude above mean sea level, in metres
 
-LOITER_RADIUS_FACTOR = 1.3  # multiple of the radius: loiters are flown wider
-BEHIND_RAD = math.radians(120.0)  # targets farther from the course may be reached by either side
+LOITER_RADIUS_FACTOR = 1.3  # multiple of the radius, because loiters are flown wider
+BEHIND_RAD = math.radians(120.0)  # beyond this angle, the turn to a target may go to either side
 TURN_STEP_RAD = math.radians(15.0)
 
 
@@ -35,7 +35,7 @@ class Part:
 
 
 class MissionPlace(NamedTuple):
-    """A position of a mission: the radius of the loiter there (0: none) and the item's index."""
+    """A position in a mission, the radius of the loiter there (0: none) and the item's index."""
 
     position: Position
     radius_m: float
@@ -58,15 +58,16 @@ def straight(start: Position, end: Position) -> Part:
 def turns_towards(
     start_m: Point, velocity_m_s: Point, target_m: Point, radius_m: float
 ) -> list[list[Point]]:
-    """Return the points (x, y) of the turns from the present course to a target.
+    """Return the points (x, y) of the turns from the current course towards a target.
 
-    There are two turns, to either side, if the target is behind; otherwise there is one. A turn has
-    only the start if the vehicle is slower than 1 m/s, or already flies towards the target. A
-    target inside the circle of the turn is not reached; the turn then ends after a full circle.
+    There are two turns, one to either side, if the target is behind; otherwise there is one. A turn
+    consists only of its start if the vehicle is slower than 1 m/s or already flies towards the
+    target. A target inside the turning circle is not reached; the turn then ends after a full
+    circle.
 
     Args:
         start_m: Position (x, y) in metres.
-        velocity_m_s: Velocity over ground (east, north).
+        velocity_m_s: Ground velocity (east, north).
         target_m: Position (x, y) in metres.
         radius_m: Radius of the turn.
     """
@@ -86,7 +87,7 @@ def held_turn(
 
     Args:
         start_m: Position (x, y) in metres.
-        velocity_m_s: Velocity over ground (east, north).
+        velocity_m_s: Ground velocity (east, north).
         radius_m: Radius of the turn.
         for_s: Duration of the turn in seconds.
     """
@@ -111,7 +112,7 @@ def held_turn(
 def _turn(
     start_m: Point, course_rad: float, target_m: Point, radius_m: float, side: float
 ) -> list[Point]:
-    """Return the points of a turn to the right (``side`` = 1) or to the left (-1)."""
+    """Return the points of a turn to the right (``side`` = 1) or left (-1)."""
     points = [start_m]
     centre_m = (
         start_m[0] + side * radius_m * math.cos(course_rad),
@@ -143,9 +144,9 @@ def path_parts(points: Sequence[Position]) -> list[Part]:
 def mission_places(
     items: Sequence[MissionItem], landscape: Landscape, home_altitude_m: float
 ) -> tuple[MissionPlace, ...]:
-    """Return the positions of a mission in the order of flight.
+    """Return the positions of a mission in the order flown.
 
-    The last is the first unlimited loiter, because later items are not flown by themselves.
+    The last one is the first unlimited loiter, because no item after it is flown without a command.
     """
     found: list[MissionPlace] = []
     for seq, item in enumerate(items):
@@ -176,11 +177,11 @@ def _radius_m(item: MissionItem) -> float:
 
 
 def corner_parts(points: Sequence[Position], turn_radius_m: float) -> list[Part]:
-    """Return the space beside the legs of a path where a plane turns after each corner.
+    """Return the space beside the legs of a path in which a plane turns after each corner.
 
     The plane flies over the corner, turns with ``turn_radius_m``, and flies straight to the next
-    point; on its turn it may have any altitude between the corner and the next point. A vehicle
-    with a radius of 0 turns on the spot.
+    point; in the turn it may be at any altitude between those of the corner and the next point. A
+    vehicle with a radius of 0 turns on the spot.
     """
     if turn_radius_m <= 0.0:
         return []
@@ -195,9 +196,9 @@ def corner_parts(points: Sequence[Position], turn_radius_m: float) -> list[Part]
 
 
 def mission_parts(places: Sequence[MissionPlace], start: Sequence[Position] = ()) -> list[Part]:
-    """Return the space of a mission that is entered along the positions ``start``.
+    """Return the space of a mission that is joined along the positions ``start``.
 
-    The parts contain the straight legs and the loiters. ``turning_parts`` has the space beside
+    The parts cover the straight legs and the loiters. ``turning_parts`` covers the space beside
     them.
     """
     positions = [*start, *(place.position for place in places)]
@@ -234,13 +235,13 @@ def turning_parts(
 
 
 def _loiter(place: MissionPlace, before: Position) -> Part:
-    """Return the space of a loiter, from the altitude of the position ``before`` to its own."""
+    """Return the space of a loiter, from the altitude at ``before`` to that of the loiter."""
     x_m, y_m, altitude_m = place.position
     low_m, high_m = sorted((before[2], altitude_m))
     return disc(x_m, y_m, LOITER_RADIUS_FACTOR * place.radius_m, low_m, high_m)
 
 
 def approach_part(start: Position, loiter: Part) -> Part:
-    """Return the space in which a plane flies from a position to a circle, on either side."""
+    """Return the space in which a plane flies from a position to either side of a circle."""
     hull = shapely.union(shapely.Point(start[:2]), loiter.shape).convex_hull
     return Part(hull, min(start[2], loiter.lowest_m), max(start[2], loiter.highest_m))

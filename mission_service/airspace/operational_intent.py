@@ -5,9 +5,9 @@ horizontal outlines in WGS84, altitudes above the WGS84 ellipsoid, times in UTC.
 publishes the volumes for a UTM client. The service is not a USS (UAS service supplier): it does not
 negotiate operational intents.
 
-The service computes with altitudes above mean sea level. An altitude above the ellipsoid is that
-altitude plus the height of the geoid, which the caller gives: no geoid model is installed, and
-pyproj without its grids converts between the two without any correction and without an error.
+The service computes with altitudes above mean sea level. A height above the ellipsoid is that
+altitude plus the geoid height, which the caller supplies: no geoid model is installed, and without
+its grids pyproj converts between the two with neither a correction nor an error.
 """
 
 import math
@@ -124,13 +124,13 @@ class OperationalIntents(msgspec.Struct, tag="operational_intents/1", tag_field=
 
 
 class IntentFrame(NamedTuple):
-    """What is common to the volumes of one vehicle.
+    """The data common to all volumes of one vehicle.
 
     Args:
         margin_m: Horizontal margin around the flight.
         vertical_margin_m: Margin above and below the flight.
         geoid_height_m: Height of the geoid (mean sea level) above the WGS84 ellipsoid.
-        begin_unix_us: Begin of the period, in microseconds since 1970.
+        begin_unix_us: Start of the period, in microseconds since 1970.
         end_unix_us: End of the period, with its margin.
     """
 
@@ -142,10 +142,10 @@ class IntentFrame(NamedTuple):
 
 
 class IntendedPart(NamedTuple):
-    """A part of a flight, and the distance from it that the vehicle may reach, such as in a hold.
+    """A part of a flight, and how far the vehicle may stray from it, for instance in a hold.
 
-    A point or a disc becomes a circle; a line becomes a polygon. The shape of a "return and
-    landing" is an area of any shape, and becomes the polygon around it.
+    A point or a disc becomes a circle; a line becomes a polygon. A "return and landing" is an area
+    of any shape, which becomes the polygon around it.
     """
 
     purpose: Purpose
@@ -156,13 +156,13 @@ class IntendedPart(NamedTuple):
 def intent_of(
     vehicle: str, flight: Iterable[IntendedPart], frame: IntentFrame, landscape: Landscape
 ) -> VehicleIntent:
-    """Return the operational intent for the parts of a flight.
+    """Return the operational intent for a flight.
 
     Args:
         vehicle: Name of the vehicle.
-        flight: The parts, in coordinates of the landscape and metres above mean sea level.
+        flight: The parts, in landscape coordinates and metres above mean sea level.
         frame: Margins, geoid and period.
-        landscape: The landscape whose coordinates the parts have.
+        landscape: The landscape that defines the parts' coordinates.
     """
     parts = list(flight)
     volumes = [_volume(each, frame, landscape) for each in parts]
@@ -193,8 +193,9 @@ def _circle(shape: BaseGeometry, distance_m: float, landscape: Landscape) -> Out
 
 
 def _polygon(shape: BaseGeometry, distance_m: float, landscape: Landscape) -> OutlinePolygon:
-    """Return a polygon that contains all places within a distance of a shape."""
-    # The corners are on the circles around the shape; their sides must be outside these circles.
+    """Return a polygon that contains all positions within a given distance of a shape."""
+    # The corners lie on circles around the shape; the polygon's sides must lie outside these
+    # circles.
     outside_m = distance_m / math.cos(math.pi / (4 * QUARTER_SEGMENTS))
     area = shape.buffer(outside_m, quad_segs=QUARTER_SEGMENTS)
     ring = np.asarray(area.exterior.coords[:-1])

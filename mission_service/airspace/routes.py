@@ -1,4 +1,4 @@
-"""Leads paths around closed volumes and out of them, as short as possible."""
+"""Routes paths around and out of closed volumes, as short as possible."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from mission_service.visibility_graph import Vertex, VisibilityGraph
 
 Floats = NDArray[np.float64]
-FAR_M = 5_000.0  # distance beyond the path and the volumes within which a way around is searched
+FAR_M = 5_000.0  # search range for a way around, beyond the path and the volumes
 EXIT_BEARINGS = 36
 
 
@@ -22,7 +22,7 @@ class Detours:
 
     blocked: BaseGeometry
     _graph: VisibilityGraph | None = field(default=None, repr=False)
-    _box: BaseGeometry | None = field(default=None, repr=False)  # in which ``_graph`` searches
+    _box: BaseGeometry | None = field(default=None, repr=False)  # area that ``_graph`` covers
 
     def __post_init__(self) -> None:
         """Prepare the area for many queries."""
@@ -31,9 +31,9 @@ class Detours:
     def around(self, path_m: Floats) -> Floats | None:
         """Return a path (m, 2) that keeps out of the blocked area; None if there is no way.
 
-        Parts of ``path_m`` (n, 2) inside the area are replaced by the shortest way around. A path
-        that ends inside ends where it would enter. A path that begins inside first leaves the
-        area. The path is unchanged if it does not touch the area.
+        Parts of ``path_m`` (n, 2) inside the area are replaced by the shortest way around. If the
+        path ends inside, the result ends where it would enter. If the path begins inside, the
+        result first leaves the area. A path that does not touch the area is unchanged.
         """
         if self.blocked.is_empty or not self.blocked.intersects(_line(path_m)):
             return path_m
@@ -104,16 +104,16 @@ def _line(path_m: Floats) -> BaseGeometry:
 
 
 def _first_hit(leg: BaseGeometry, area: BaseGeometry) -> Floats:
-    """Return the first position on a leg that is inside an area."""
+    """Return the first position on a leg inside an area."""
     hits = shapely.get_coordinates(leg.intersection(area))
     start = shapely.get_coordinates(leg)[0]
     return np.asarray(hits[int(np.argmin(np.hypot(*(hits - start).T)))])
 
 
 def exits_from(place: Vertex, blocked: BaseGeometry, beyond_m: float) -> Sequence[Vertex]:
-    """Return positions outside a blocked area, ``beyond_m`` from its edge, the nearest first.
+    """Return positions outside a blocked area, ``beyond_m`` from its edge, nearest first.
 
-    The positions are on straight lines from ``place`` in all directions.
+    The positions lie on straight lines from ``place`` in all directions.
     """
     west_m, south_m, east_m, north_m = shapely.union(blocked.envelope, shapely.Point(place)).bounds
     reach_m = math.hypot(east_m - west_m, north_m - south_m) + 2.0 * beyond_m + 1.0

@@ -26,9 +26,9 @@ LatLon = tuple[float, float]
 def volumes_in(path: Path) -> list[ClosedVolume]:
     """Return the closed volumes in a file; the format is detected.
 
-    A GeoJSON feature may have the properties ``name`` and those in ``LIMITS``, with the meaning
-    that these keys have in the scenario. KML has no limits: its volumes begin at the ground and
-    have no ceiling. Raises ScenarioError with the file and the reason.
+    A GeoJSON feature may have the property ``name`` and those in ``LIMITS``, with the same meaning
+    as in the scenario. KML has no limits: its volumes start at the ground and have no ceiling.
+    Raises ScenarioError with the file and the reason.
     """
     try:
         data = path.read_bytes()
@@ -54,7 +54,7 @@ def _from_features(data: bytes, path: Path) -> list[ClosedVolume]:
             )
         for part_number, polygon in enumerate(polygons, start=1):
             own = name if len(polygons) == 1 else f"{name} ({part_number})"
-            # A hole counts as closed too: the volume is never too small.
+            # Holes count as closed too, so that the volume is never too small.
             corners = [(lat, lon) for lon, lat in polygon.exterior.coords[:-1]]
             found.append(_volume(path, own, corners, limits))
     return found
@@ -72,7 +72,7 @@ def _volume(path: Path, name: str, corners: list[LatLon], limits: dict[str, Any]
 
 
 def _from_openair(text: str, path: Path) -> list[ClosedVolume]:
-    """Return the airspaces of an OpenAir file, each with its class in the name."""
+    """Return the airspaces in an OpenAir file, each with its class in the name."""
     from aerofiles.openair import Reader
 
     found: list[ClosedVolume] = []
@@ -96,7 +96,7 @@ def _from_openair(text: str, path: Path) -> list[ClosedVolume]:
 
 
 def _set_limit(limits: dict[str, Any], side: str, text: str | None, where: str) -> None:
-    """Set the limit that OpenAir writes as ``1500 ft AGL``, ``FL 65``, ``SFC`` or ``UNLIM``."""
+    """Set a limit from OpenAir text such as ``1500 ft AGL``, ``FL 65``, ``SFC`` or ``UNLIM``."""
     words = (text or "").strip().upper()
     if words in ("", "SFC", "GND", "0", "UNL", "UNLIM", "UNLIMITED"):
         unlimited = words.startswith("UNL")
@@ -138,7 +138,7 @@ def _corners(elements: list[dict[str, Any]], where: str) -> list[LatLon]:
 
 
 def _arc(element: dict[str, Any]) -> list[LatLon]:
-    """Return points on an arc (``DA``: angles, ``DB``: begin and end); both ends are included."""
+    """Return points on an arc (``DA``: angles, ``DB``: start and end), including both ends."""
     centre, clockwise = element["center"], element["clockwise"]
     if "radius" in element:
         begin_deg, end_deg = element["start"], element["end"]
@@ -164,6 +164,6 @@ def _ahead(centre: LatLon, bearing_deg: float, distance_m: float) -> LatLon:
 
 
 def _bearing(centre: LatLon, place: LatLon) -> tuple[float, float]:
-    """Return the bearing (degrees) and the distance (m) of a place from a centre."""
+    """Return the bearing (degrees) and distance (m) of a place from a centre."""
     north_m, east_m = offset_m(centre, place)
     return math.degrees(math.atan2(east_m, north_m)), math.hypot(east_m, north_m)

@@ -1,4 +1,4 @@
-"""Volumes of airspace that are closed to the vehicles, in the coordinates of the landscape."""
+"""Volumes of airspace that are closed to the vehicles, in landscape coordinates."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -14,16 +14,16 @@ from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 
 OUTSIDE = "outside the allowed areas"  # name of the volume
-FAR_M = 100_000.0  # distance beyond the allowed areas up to which the area outside is closed
+FAR_M = 100_000.0  # the area outside is closed up to this distance from the allowed areas
 
 
 @dataclass(frozen=True, slots=True)
 class Volume:
-    """A volume that is closed to all vehicles for a time.
+    """A volume that is closed to all vehicles for a period.
 
     Args:
         name: The name, which is unique in a run.
-        area_m: The horizontal extent; x, y in metres of the landscape.
+        area_m: The horizontal extent; x, y in metres on the landscape.
         floor_m: Lower limit, in metres above mean sea level; -inf: the ground.
         ceiling_m: Upper limit, in metres above mean sea level; inf: none.
         from_s: Mission time from which the volume is closed.
@@ -43,7 +43,7 @@ class Volume:
         return f"the closed volume {self.name!r}"
 
     def is_closed(self, at_s: float, lead_s: float = 0.0) -> bool:
-        """Return whether the volume is closed at a mission time, or within ``lead_s``."""
+        """Return whether the volume is closed at ``at_s``, or will close within ``lead_s``."""
         return self.from_s - lead_s <= at_s < self.until_s
 
     def contains(self, x_m: float, y_m: float, altitude_m: float) -> bool:
@@ -85,8 +85,8 @@ def closed_in(section: AirspaceSection) -> list[ClosedVolume]:
 def volume_of(entry: ClosedVolume, landscape: Landscape) -> Volume:
     """Return the closed volume that an entry of the scenario describes.
 
-    A floor above the ground begins above the lowest ground of the area, and a ceiling above the
-    ground ends above the highest ground, so that the volume is never too small.
+    A floor given above ground is measured from the lowest ground in the area and a ceiling from the
+    highest, so that the volume is never too small.
     """
     area_m = area_of(entry, landscape)
     lowest_m, highest_m = 0.0, 0.0
@@ -157,7 +157,7 @@ def _require_finite(name: str, places: Iterable[float]) -> None:
 
 
 def ground_range_m(area_m: BaseGeometry, landscape: Landscape) -> tuple[float, float]:
-    """Return the lowest and the highest ground of an area; off the grid the edge counts."""
+    """Return the lowest and highest ground in an area; off the grid, the edge's is used."""
     west_m, south_m, east_m, north_m = area_m.bounds
     size_m = landscape.cell_size_m
     count = [

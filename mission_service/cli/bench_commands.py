@@ -38,7 +38,7 @@ def landscape(cells: int, mixed: bool) -> Landscape:
 
 
 def bench_fire(largest: int, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return cells/s, ms per step and peak memory of each case up to ``largest`` cells per side."""
+    """Return cells/s, ms per step and peak memory per case, up to ``largest`` cells per side."""
     # Compile the kernels before measuring.
     AnyAngleFire(landscape(50, True), WEATHER, [(25, 25, 0.0)]).advance(NO_END_S)
     sizes = [cells for cells in (200, 1000, 4000) if cells <= largest]
@@ -71,7 +71,7 @@ def _whole_burn(cells: int, mixed: bool, progress: Callable[[str], None]) -> dic
 
 
 def _closed_loop(cells: int, mixed: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Measure steps of 10 s for three hours, beginning when a tenth of the cells has burned."""
+    """Measure steps of 10 s for three hours, starting when a tenth of the cells have burned."""
     fire = AnyAngleFire(landscape(cells, mixed), WEATHER, [(cells // 2, cells // 2, 0.0)])
     while np.count_nonzero(fire.burned()) < cells * cells / 10:
         fire.advance(fire.time_s + 600.0)

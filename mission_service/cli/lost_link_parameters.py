@@ -42,7 +42,7 @@ class OldValues(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def show(line: Line, system_id: int | None, station_id: int) -> dict[str, Any]:
-    """Return the reaction of the vehicle on a link, and the parameters that determine it."""
+    """Return a vehicle's lost-link reaction, and the parameters that determine it."""
     session = _Session(line, system_id, station_id)
     return session.result_of(session.show)
 
@@ -77,7 +77,7 @@ def restore(line: Line, system_id: int | None, station_id: int, old: Path) -> di
 
 
 class _Session:
-    """The exchange of parameters with one vehicle."""
+    """A parameter exchange with one vehicle."""
 
     def __init__(self, line: Line, system_id: int | None, station_id: int) -> None:
         self._line = line
@@ -86,7 +86,7 @@ class _Session:
         self._connection: Connection
 
     def result_of(self, work: Work) -> dict[str, Any]:
-        """Run ``work`` on an open connection, within the timeout of the line."""
+        """Run ``work`` on an open connection, within the line's timeout."""
         with connected(self._client, self._line, self._line.signing_key) as (connection, _):
             self._connection = connection
             return within(self._line, self._client, connection, self._opened(work))

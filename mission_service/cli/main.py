@@ -45,13 +45,13 @@ from mission_service.cli.token_commands import token
 from mission_service.cli.tune_commands import tune
 from mission_service.runtime.clocks import now_text
 
-# Thresholds of Python's garbage collector. The first default, 700 new objects, doubles the
-# time of collections while modules are imported. Full collections remain about as frequent.
+# Thresholds of Python's garbage collector. The first default, 700 new objects, doubles the time
+# spent on collections while modules are imported. Full collections remain about as frequent.
 COLLECTION_THRESHOLDS = (10_000, 3, 3)
 
 
 class ErrorReportingGroup(click.Group):
-    """A group of commands that prints each error of these packages in one line.
+    """A group of commands that prints each error of these packages on one line.
 
     The exit code is then 1; it is 2 if an option is wrong, and 130 after Ctrl-C.
     """

@@ -60,7 +60,7 @@ def upload(plan: Plan, line: Line) -> dict[str, Any]:
 
 
 def _parts_for(plan: Plan, stack: Stack) -> dict[Kind, Items]:
-    """Return the parts of a plan in the order of upload, with the mission adapted to the stack."""
+    """Return the parts of a plan in upload order, with the mission adapted to the stack."""
     parts: dict[Kind, Items] = {
         "fence": plan.fence,
         "rally": plan.rally,
@@ -115,8 +115,7 @@ def connected(
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
     """Prepare a connection with frames signed with ``signing_key``, and a ``Signing`` for each key.
 
-    The caller opens the connection. On exit, the .tlog and the file of signing timestamps are
-    closed.
+    The caller opens the connection. On exit, the .tlog and the signing timestamp file are closed.
     """
     with contextlib.ExitStack() as stack:
         tlog = stack.enter_context(Tlog(line.tlog, wall_us)) if line.tlog else None

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mission_service.sensors.thermal.frame_cells import FrameCells
     from mission_service.sensors.thermal.thermal_image import ThermalImage
 
-MAX_IMAGES = 100  # maximum number of images of one video
+MAX_IMAGES = 100  # maximum number of images from one video
 
 
 @click.command()
@@ -86,7 +86,7 @@ def _is_video(path: Path) -> bool:
 
 
 def _is_thermal(path: Path) -> bool:
-    """Return whether a file is an image of a camera, not a georeferenced raster or other file."""
+    """Return whether a file is a camera image, not a georeferenced raster or another file."""
     from firemodel.errors import FireModelError
     from firemodel.landscape.readers.bands import bands_of
     from mission_service.sensors.files.observation_file import RASTERS
@@ -98,7 +98,7 @@ def _is_thermal(path: Path) -> bool:
     try:
         return bands_of(path)[0].crs is None
     except FireModelError:
-        return True  # the reader of images reports the reason
+        return True  # the image reader reports the reason
 
 
 class _Camera:
@@ -181,7 +181,7 @@ def _summary(image: "ThermalImage", found: "FrameCells", landscape: "Landscape")
 def _file(
     path: Path, picture: Path, scenario: "Scenario", landscape: "Landscape"
 ) -> dict[str, Any]:
-    """Draw the observations in a file that is no image or video, and return a summary."""
+    """Draw the observations in a file that is not an image or video, and return a summary."""
     import numpy as np
 
     from firemodel.assimilation.observation import BURNED, UNBURNED

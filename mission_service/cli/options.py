@@ -1,4 +1,4 @@
-"""Provides options and functions that the modules of the command line share."""
+"""Provides options and functions shared by the command-line modules."""
 
 import json
 import logging
@@ -43,7 +43,7 @@ class Folder(click.Path):
         super().__init__(file_okay=False, path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path; refuse an empty text, which ``Path`` takes as the working folder."""
+        """Return the path; refuse empty text, which ``Path`` treats as the working folder."""
         if value == "":
             self.fail("is empty; give a folder, or . for the working folder", param, ctx)
         return super().convert(value, param, ctx)
@@ -60,7 +60,7 @@ OVERRIDE = click.option(
     show_envvar=True,
     help="Change one key of the scenario, e.g. planner.alpha=1.5 (repeatable).",
 )
-# Settings of ``demo`` and ``run`` by environment variables: MISSION_SERVICE_OUT is --out.
+# Settings of ``demo`` and ``run`` from environment variables: MISSION_SERVICE_OUT is --out.
 SETTINGS = {"auto_envvar_prefix": "MISSION_SERVICE"}
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 OUT = click.option("--out", type=Folder(), default=Path("out"))
@@ -194,7 +194,7 @@ def echo_warning(text: str) -> None:
 def report_address(out: Path, address: str, fragment: str = "") -> None:
     """Print the address of the map; the token is printed only on a terminal, never to a log.
 
-    ``fragment`` is a further part of the printed address after ``#``.
+    ``fragment`` is the part of the printed address after ``#``.
     """
     if sys.stderr.isatty():
         sign = "&" if "#" in address else "#"
@@ -209,14 +209,14 @@ def report_address(out: Path, address: str, fragment: str = "") -> None:
 
 
 def progress_line(text: str) -> None:
-    """Print a line of progress to stderr."""
+    """Print a progress line to stderr."""
     click.echo(text, err=True)
 
 
 def aware_time(
     context: click.Context, parameter: click.Parameter, value: str | None
 ) -> datetime | None:
-    """Return a time in ISO 8601 with a UTC offset; raise BadParameter for any other value."""
+    """Return an ISO 8601 time with a UTC offset; raise BadParameter for any other value."""
     if value is None:
         return None
     try:

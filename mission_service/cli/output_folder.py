@@ -1,4 +1,4 @@
-"""Creates the folder of a command's results, and checks that the folder is writable."""
+"""Creates the folder for a command's results, and checks that it is writable."""
 
 import re
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ class Interrupted(click.ClickException):
 def output_folder(out: Path) -> Path:
     """Return the folder ``out``, created if missing and checked to be writable.
 
-    Raises MissionServiceError if the folder cannot be created or written.
+    Raises MissionServiceError if the folder cannot be created or written to.
     """
     from tempfile import TemporaryFile
 
@@ -44,10 +44,10 @@ def new_folder(name: str, created: str, parent: Path = Path("out")) -> Path:
     Args:
         name: The name of the scenario.
         created: The date and time in the format of a journal's header, in UTC.
-        parent: The folder of all results.
+        parent: The folder for all results.
 
     Returns:
-        The path, which does not exist; if needed, a number is added.
+        A path that does not exist yet; if needed, a number is added.
     """
     words = re.sub(r"[^\w.-]+", "-", name).strip(".-") or "scenario"
     time = datetime.fromisoformat(created).strftime("%Y%m%dT%H%M%SZ")
@@ -59,7 +59,7 @@ def new_folder(name: str, created: str, parent: Path = Path("out")) -> Path:
 
 @contextmanager
 def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
-    """Yield the folder ``out`` of ``output_folder``; a created folder that stays empty is removed.
+    """Yield the folder from ``output_folder``; a created folder that stays empty is removed.
 
     After Ctrl-C the command raises Interrupted with a line that ends in ``after_interrupt``.
     """

@@ -1,4 +1,4 @@
-"""The command ``plan``: a first mission, or the expected error with some numbers of aircraft."""
+"""Defines ``plan``: a first mission, or the expected error for some numbers of aircraft."""
 
 import json
 from pathlib import Path

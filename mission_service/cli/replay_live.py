@@ -33,7 +33,7 @@ def speed_of(text: str) -> "Speed":
 
 
 def played(flight: "Flight", choice: "ScenarioChoice") -> "tuple[Pairing, ServiceSection]":
-    """Return the replay of a flight and the settings of the interfaces.
+    """Return the replay of a flight and the interface settings.
 
     Without a scenario, the landscape is level ground around the flight. Raises MissionServiceError
     and BridgeError.
@@ -96,7 +96,7 @@ def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "Repla
 
 
 def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection":
-    """Return the settings with a map at ``listen``, or the configured or the default address."""
+    """Return the settings with a map at ``listen``, or at the configured or default address."""
     from pydantic import ValidationError
 
     from mission_service.config.service_section import HttpSection

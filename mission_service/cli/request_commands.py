@@ -1,7 +1,7 @@
 """Defines ``mission-service request``, which sends operators' requests to a live run.
 
 The table of requests (``core/request_events.py``) defines the commands, arguments and options. The
-table is imported only for commands that use the table.
+table is imported only for commands that use it.
 """
 
 import getpass
@@ -15,7 +15,7 @@ import click
 from mission_service.cli.options import JSON
 
 UNITS = {"_m_s": "M/S", "_deg": "DEGREES", "_m": "M", "_s": "SECONDS"}
-# Fields that an operator may omit; ``_completed`` adds these fields.
+# Fields that an operator may omit; ``_completed`` adds them.
 COMPLETED = {("correct", "shape"), ("person", "radius_m")}
 Status = Callable[[], dict[str, Any]]
 
@@ -90,7 +90,7 @@ def only_station(client: Any) -> str:
 def print_reply(reply: dict[str, Any], as_json: bool) -> None:
     """Print the messages and burned areas of a reply, or the whole reply as JSON.
 
-    Raises RequestError if an order was not carried out because it needs a confirmation.
+    Raises RequestError if an order was not carried out because it needs confirmation.
     """
     from mission_service.commands import CONFIRM
     from mission_service.errors import RequestError
@@ -111,7 +111,7 @@ def print_reply(reply: dict[str, Any], as_json: bool) -> None:
 
 
 class RequestGroup(click.Group):
-    """A group with a command for each request in a table; added commands have precedence."""
+    """A group with a command for each request in a table; added commands take precedence."""
 
     def __init__(self, *args: Any, table: Callable[[], dict[str, Any]], **attrs: Any) -> None:
         """Store ``table``, a function that returns the requests by command name."""
@@ -131,7 +131,7 @@ class RequestGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that ``args`` begins with; an error proposes one from the table."""
+        """Return the command that ``args`` begins with; an error suggests one from the table."""
         try:
             return super().resolve_command(ctx, args)
         except click.exceptions.NoSuchCommand as error:
@@ -164,7 +164,7 @@ def command_of(kind: Any, name: str) -> click.Command:
 
         _refuse_not_finite(do, given)
         with ControlClient(out) as client:
-            # An abort is sent at once, without a request for the stations of the run.
+            # An abort is sent at once, without first requesting the run's stations.
             station = station or ("unknown" if do == "abort" else only_station(client))
             for each in _completed(do, given, lambda: dict(client.ask(do="status")["status"])):
                 print_reply(client.ask(do=do, by=by, station=station, **each), as_json)

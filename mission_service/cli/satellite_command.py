@@ -1,4 +1,4 @@
-"""Defines ``mission-service request satellite-pixels``, which reports detections of satellites."""
+"""Defines ``mission-service request satellite-pixels``, which reports satellite detections."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Sets or removes the signing key of a vehicle, and checks the effect."""
+"""Sets or removes a vehicle's signing key, and checks the effect."""
 
 from typing import Any, TypeVar
 
@@ -65,7 +65,7 @@ async def _change_and_check(
 
 
 def _failure(link: str, system: int, connection: Connection, signing: Signing | None) -> str:
-    """Return the error message for a vehicle whose answer does not confirm the change of key."""
+    """Return the error message for a vehicle whose answer does not confirm the key change."""
     vehicle, counts = f"{link}: vehicle {system}", connection.ports[0].counts
     if signing is None:
         return f"{vehicle} still signs, or does not answer; check its key, and that it is disarmed"

@@ -1,4 +1,4 @@
-"""The group ``sortie``: plans of continuous watches."""
+"""Defines ``mission-service sortie``, which plans continuous watches."""
 
 import json
 import math
@@ -24,7 +24,7 @@ DAY_S = 24 * 3600
 def _duration_option(
     name: str, unit_s: float, limits_s: tuple[int, int], default: float, words: str
 ) -> Callable[[Command], Command]:
-    """Return a decorator that adds an option in a unit; its value becomes whole seconds."""
+    """Return a decorator that adds an option in a given unit, converted to whole seconds."""
 
     def in_seconds(context: click.Context, parameter: click.Parameter, value: float) -> int:
         low_s, high_s = limits_s
@@ -165,7 +165,7 @@ def _watch(
     pools: int | dict[str, int],
     means: dict[str, int],
 ) -> "Watch":
-    """Return the watch with these means. Raises OptionError for batteries that fit no aircraft."""
+    """Return the watch with these means; raise OptionError for batteries that fit no aircraft."""
     from mission_service.relief.scenario_aircraft import SHARED
     from mission_service.relief.watch import Watch
 

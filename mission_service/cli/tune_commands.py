@@ -1,4 +1,4 @@
-"""Defines ``mission-service tune``, which searches for the constants of planners.
+"""Defines ``mission-service tune``, which searches for planner constants.
 
 Heavy modules are imported only when a command runs.
 """

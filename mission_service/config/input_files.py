@@ -8,7 +8,7 @@ from mission_service.config.scenario import Scenario
 
 
 def input_files(scenario: Scenario, tables: set[str]) -> list[Path]:
-    """Return the files that tables of a scenario name, and the grids that an .atm file names."""
+    """Return the files named by a scenario's tables, and the grids named by an .atm file."""
     from firemodel.landscape.readers.wind_files import listed_grids
 
     paths = sorted(set(_paths_in(scenario.model_dump(include=tables))))

@@ -1,4 +1,4 @@
-"""Parses the address of an MQTT broker and checks the prefix of topics."""
+"""Parses the address of an MQTT broker and checks the topic prefix."""
 
 import re
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ def is_host(text: str) -> bool:
 
 
 def check_prefix(prefix: str, option: str = "--prefix") -> str:
-    """Return the prefix of topics unchanged; raise MissionServiceError for an invalid prefix."""
+    """Return the topic prefix unchanged; raise MissionServiceError for an invalid prefix."""
     if re.fullmatch(r"[^/+#$\s\0][^+#\s\0]*(?<!/)", prefix) is None:
         raise MissionServiceError(
             f"{option} {prefix}: write the beginning of a topic, as in uav/east"
@@ -52,10 +52,10 @@ def check_prefix(prefix: str, option: str = "--prefix") -> str:
 
 
 def site_of(scenario_name: str) -> str:
-    """Return the name of a scenario as one level of a topic."""
+    """Return the name of a scenario as one topic level."""
     return re.sub(r"[^\w-]+", "-", scenario_name).strip("-") or "site"
 
 
 def site_topic(prefix: str, site: str) -> str:
-    """Return the beginning of all topics of a site."""
+    """Return the prefix of all topics of a site."""
     return f"{prefix}/{VERSION}/{site}"

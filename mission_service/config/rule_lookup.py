@@ -19,7 +19,7 @@ from mission_service.errors import MissionServiceError, PlannerError, did_you_me
 
 GROUP = "mission_service.planners"
 OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
-NAME = r"[a-z][a-z0-9_]*"  # rules of other packages, and the tables of these rules
+NAME = r"[a-z][a-z0-9_]*"  # rules of other packages, and their tables
 
 
 class Way(Protocol):
@@ -74,7 +74,7 @@ def versions_of_others() -> dict[str, str]:
 
 @cache
 def way_named(rule: str) -> Way:
-    """Return the way of flying of a rule. Raises ValueError if no such rule can be loaded."""
+    """Return the way of flying for a rule. Raises ValueError if no such rule can be loaded."""
     own = own_ways().get(rule)
     found = list(entry_points(group=GROUP, name=rule))
     if own is not None and found:
@@ -117,7 +117,7 @@ def _described(point: EntryPoint) -> str:
 
 
 def blamed(rule: str) -> str | None:
-    """Return text that names a rule of another package as the probable cause of an error."""
+    """Return text that names a rule from another package as the probable cause of an error."""
     if rule in own_ways():
         return None
     where = ", ".join(_described(point) for point in entry_points(group=GROUP, name=rule))
@@ -128,7 +128,7 @@ def blamed(rule: str) -> str | None:
 
 @contextmanager
 def faults_of(rule: str) -> Iterator[None]:
-    """Convert any exception of a rule of another package to PlannerError."""
+    """Convert any exception raised by another package's rule to PlannerError."""
     try:
         yield
     except (Exception, SystemExit) as error:

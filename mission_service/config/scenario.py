@@ -56,7 +56,7 @@ SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION_S = 3.2e8  # ten years
 S = TypeVar("S", bound=Section)
 SECRETS = (("signing_key",), ("password",), ("data_package_password",))  # "file:PATH" or "env:NAME"
-# The error types that pydantic reports for exceptions of this package's validators.
+# The error types that pydantic reports for exceptions from this package's validators.
 OWN_ERRORS = ("value_error", "assertion_error")
 MAX_ERRORS = 6  # in one message
 
@@ -150,7 +150,7 @@ class Scenario(Section):
 
     @property
     def passes_image_files(self) -> bool:
-        """Whether images of the simulated fire are only passed as files to ``thermal_frames``."""
+        """Whether images of the simulated fire are passed only as files to ``thermal_frames``."""
         return self.simulation.fire is not None and "thermal_frames" in self.estimate.sensors
 
     @property
@@ -167,7 +167,7 @@ class Scenario(Section):
 
 
 def _refuse_resolution(scenario: Scenario, resolution: str) -> None:
-    """Raise ValueError for a resolution of conflicts with other aircraft that cannot be flown."""
+    """Raise ValueError for a conflict resolution that the vehicles cannot fly."""
     if resolution != "none" and scenario.burn_flown is not None:
         raise ValueError('surveillance.resolution must be "none" in a burn: operators abort')
     for vehicle in scenario.vehicles:
@@ -179,7 +179,7 @@ def _refuse_resolution(scenario: Scenario, resolution: str) -> None:
 
 
 def _refuse_high_vehicles(vehicles: tuple[VehicleSection, ...], max_agl_m: float | None) -> None:
-    """Raise ValueError for a vehicle whose missions are above the airspace's limit."""
+    """Raise ValueError for a vehicle whose missions are above the airspace's altitude limit."""
     for vehicle in vehicles if max_agl_m is not None else ():
         if max_agl_m is not None and vehicle.altitude_agl_m > max_agl_m:
             raise ValueError(
@@ -280,7 +280,7 @@ def _of_override(error: ScenarioError, path: Path, overrides: tuple[str, ...]) -
 
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
-    """Check a scenario given as a dictionary; relative paths start at the folder of ``path``."""
+    """Check a scenario given as a dictionary; relative paths begin in the folder of ``path``."""
     kind = _with_table_of(rule_in(data))
     found: Scenario = _with_paths(_in_layers(_checked(kind, data, path)), path, ())
     return found
@@ -369,7 +369,7 @@ def _in_layers(scenario: Scenario) -> Scenario:
 
 
 def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any:
-    """Return a section with paths resolved in the scenario's folder; the files must exist."""
+    """Return a section with paths resolved relative to the scenario; the files must exist."""
     if isinstance(section, Path):
         found = (scenario_path.parent / section).resolve()
         if not found.is_file():
@@ -401,7 +401,7 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
 def with_signing_key(scenario: Scenario, source: str) -> Scenario:
     """Return the scenario with one signing key for all vehicles.
 
-    Raises ScenarioError for an invalid source of the key.
+    Raises ScenarioError for an invalid key source.
     """
     if re.fullmatch(KEY_SOURCE, source) is None:
         raise ScenarioError("signing key: give its source as file:PATH or env:NAME")
@@ -430,7 +430,7 @@ def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -
 
 
 def flying(scenario: Scenario) -> Scenario:
-    """Return a scenario with which vehicles can fly; raise ScenarioError for other scenarios."""
+    """Return the scenario if vehicles can fly it; raise ScenarioError otherwise."""
     if not scenario.vehicles:
         raise ScenarioError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
     needs_ignition = scenario.planner.ignition_known and scenario.burn_flown is None
@@ -473,7 +473,7 @@ def _error_in_words(error: ErrorDetails, kind: type[BaseModel]) -> str:
 
 
 def apply_override(data: dict[str, Any], override: str) -> None:
-    """Apply an override ``a.b.0.c=value`` (a TOML value) to the dictionary of a scenario."""
+    """Apply an override ``a.b.0.c=value`` (a TOML value) to a scenario dictionary."""
     key, equals, text = override.partition("=")
     if not equals:
         raise OptionError(f"--set {override}: write it as key=value, e.g. planner.alpha=1.5")

@@ -1,4 +1,4 @@
-"""Makes the JSON Schema of scenario files, with which editors complete and check their keys."""
+"""Creates the JSON Schema of scenario files, which editors use to complete and check keys."""
 
 import tomllib
 from pathlib import Path
@@ -11,7 +11,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.service_section import ServiceSection
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-# Texts for keys that neither a comment at the field nor the docstring of the model describes, by
+# Texts for keys that are described by neither a comment at the field nor the model's docstring, by
 # model and key.
 MEANINGS: dict[str, dict[str, str]] = tomllib.loads(
     Path(__file__).with_name("key_meanings.toml").read_text(encoding="utf-8")
@@ -26,7 +26,7 @@ def scenario_schema() -> dict[str, Any]:
     checks.
 
     Raises:
-        ValueError: If the package of a rule cannot be loaded.
+        ValueError: If a rule's package cannot be loaded.
     """
     tables: dict[str, type[BaseModel]] = {"service": ServiceSection}
     for rule in rules():

@@ -1,4 +1,4 @@
-"""Defines the base class of the tables of a scenario file, and the types of their values."""
+"""Defines the base class of a scenario file's tables, and the types of their values."""
 
 from typing import Annotated, Any
 

@@ -19,7 +19,7 @@ from mission_service.config.section_base import (
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 
-ALL = "all"  # stands for all vehicles in requests of operators
+ALL = "all"  # stands for all vehicles in operators' requests
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
 
 
@@ -324,7 +324,7 @@ class VehicleSection(Section):
 
     @property
     def winged(self) -> bool:
-        """Whether missions are flown as by a plane: planes, and VTOLs between the vertical parts.
+        """Whether missions are flown as by a plane: planes, and VTOLs between vertical phases.
 
         A VTOL takes off and lands vertically.
         """

@@ -1,7 +1,7 @@
 """Defines the table [service]: interfaces, journal and shutdown of the daemon.
 
 The table is in the scenario file, but is neither part of the scenario nor in the journal, so that a
-run can resume with other ports.
+run can resume with different ports.
 """
 
 import ipaddress

@@ -40,7 +40,7 @@ def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
 def _connected(
     sections: Sequence[VehicleSection], of_links: list[list[VehicleSection]]
 ) -> list[list[VehicleSection]]:
-    """Return the vehicles grouped by the links that they share, directly or through others."""
+    """Return the vehicles grouped by the links that they share directly or through others."""
     group = {section.name: section.name for section in sections}
     for together in of_links:
         for first, second in pairwise(together):

@@ -1,4 +1,4 @@
-"""Defines the tables of wind that varies in space."""
+"""Defines the tables for wind that varies in space."""
 
 from datetime import datetime
 from pathlib import Path

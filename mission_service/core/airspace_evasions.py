@@ -1,4 +1,4 @@
-"""Plans the flights that keep vehicles out of closed airspace: around it, out of it, or a hold."""
+"""Plans flights that keep vehicles out of closed airspace: around it, out of it, or a hold."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -36,11 +36,11 @@ from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.vehicle_state import Vehicle
 
 Floats = NDArray[np.float64]
-NEAR_HOME_M = 400.0  # a way around that ends farther from home does not lead home
-BEYOND_M = 20.0  # distance of the loiter outside from the margin of a volume
-LEVEL_CLEARANCE_M = 30.0  # least height above ground of a level flight out of a volume
-DETOURS = (1.0, 3.0)  # a mission has fewer corners than a way around, so that it is nearer
-CUTS_M = (0.0, 150.0, 300.0, 600.0)  # the path is shortened by each length until it is free
+NEAR_HOME_M = 400.0  # a detour that ends farther from home does not lead home
+BEYOND_M = 20.0  # distance of the loiter outside a volume from its margin
+LEVEL_CLEARANCE_M = 30.0  # least height above ground in level flight out of a volume
+DETOURS = (1.0, 3.0)  # a mission has fewer corners than its detour, and so passes nearer
+CUTS_M = (0.0, 150.0, 300.0, 600.0)  # the path is shortened by each length in turn until it is free
 
 
 class Evasions:
@@ -69,8 +69,8 @@ class Evasions:
         around = self._around(fix, airspace)
         beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
-        # A plane may be led towards rising ground, or enter another volume in its turn, if there
-        # is no other way out.
+        # If there is no other way out, a plane may fly towards rising ground, or enter another
+        # volume during its turn.
         found, drawbacks = None, (True, True)
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
@@ -107,8 +107,8 @@ class Evasions:
         """Yield a mission out of a volume at different altitudes, the preferred one first.
 
         A descent from above a volume could enter it, as could a climb from below. The last mission
-        climbs no more than it must to be clear of the ground under its way, and within ``reach_m``
-        of its end; a multirotor climbs before it leaves its position.
+        climbs only as far as needed to clear the ground under its path and within ``reach_m`` of
+        its end; a multirotor climbs before it leaves its position.
         """
         yield _at_altitudes(items, lambda z: max(z, fix.altitude_m))
         yield items
@@ -126,7 +126,7 @@ class Evasions:
     def way_home(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace, state: AirspaceState
     ) -> UploadMission | None:
-        """Return the mission home around volumes, above the ground; a return follows near home."""
+        """Return the mission home, clear of volumes and the ground; a return follows near home."""
         straight_home = np.array([(fix.x_m, fix.y_m), vehicle.home_m])
         for factor in DETOURS:
             detours = self._closed.detours(airspace.volumes, vehicle.section, factor)
@@ -147,7 +147,7 @@ class Evasions:
     def conflict(
         self, vehicle: Vehicle, fix: PositionFix, state: AirspaceState, airspace: Airspace
     ) -> str | None:
-        """Return the airspace that the evasion on board would enter if it begins now; or None.
+        """Return the airspace that the evasion on board would enter if it began now, or None.
 
         A volume may have closed since the evasion was planned.
         """
@@ -169,7 +169,7 @@ class Evasions:
         return airspace.conflict(parts, self._landscape, position_of(fix))
 
     def _around(self, fix: PositionFix, airspace: Airspace) -> list[Volume]:
-        """Return the volumes that contain a vehicle, or have it within their margin."""
+        """Return the volumes that contain a vehicle, or whose margin does."""
         here = shapely.Point(fix.x_m, fix.y_m)
         near = airspace.blocked(fix.altitude_m - 1.0, fix.altitude_m + 1.0)
         margin_m = airspace.margins.horizontal_m
@@ -184,8 +184,8 @@ class Evasions:
     ) -> str | None:
         """Return the airspace that a flight out of volumes would enter, or None.
 
-        This is another volume, or any volume at its end. ``turn`` is the space of the turn at its
-        beginning.
+        This is another volume, or any volume at the end of the flight. ``turn`` is the space of the
+        flight's initial turn.
         """
         parts = [*turn, *mission_parts(places, [position_of(fix)])]
         around = self._around(fix, airspace)
@@ -196,10 +196,10 @@ class Evasions:
         return enters or airspace.conflict(parts[-1:], self._landscape)
 
     def _straight_off(self, vehicle: Vehicle, path: Floats, fix: PositionFix) -> Items:
-        """Return a mission out of a volume, without a return to the position where it begins.
+        """Return a mission out of a volume that does not turn back to its starting position.
 
-        A waypoint at the vehicle's position would cause a plane to turn back, and a multirotor to
-        climb there first. The multirotor does so only if its way is not clear of the terrain.
+        A waypoint at the vehicle's position would make a plane turn back and a multirotor climb
+        there first. A multirotor does so only if its path does not clear the terrain.
         """
         items = self._guidance.items(vehicle, path[1:], fix)
         first = self._space.route(vehicle, items)[0].position
@@ -208,7 +208,7 @@ class Evasions:
         return self._guidance.items(vehicle, path, fix)
 
     def _is_clear(self, start: Position, end: Position) -> bool:
-        """Return whether no part of a straight climb is nearer to the ground than its ends."""
+        """Return whether no part of a straight climb is nearer to the ground than either end."""
         count = math.ceil(2.0 * math.dist(start[:2], end[:2]) / self._landscape.cell_size_m) + 2
         line = np.linspace(start, end, count)
         heights_m = line[:, 2] - self._landscape.elevation_at(line[:, 0], line[:, 1])
@@ -223,8 +223,9 @@ class Evasions:
     ) -> HoldAt | Hold:
         """Return the hold that replaces a descent into closed airspace.
 
-        The result is the lowest hold above the volumes at the same place, at most at the present
-        altitude; else the lower hold at the nearest free place; else a hold where the vehicle is.
+        The result is the lowest hold above the volumes at the same place, at most at the current
+        altitude; or else the lower hold at the nearest free place; or else a hold at the vehicle's
+        position.
         """
         up_m, space = airspace.margins.vertical_m, self._space.of_hold_at(vehicle, command)
         ceilings_m = [volume.ceiling_m + up_m + 1.0 for volume in airspace.volumes]
@@ -241,11 +242,11 @@ class Evasions:
     def free_place(
         self, vehicle: Vehicle, fix: PositionFix, command: HoldAt, airspace: Airspace
     ) -> HoldAt | None:
-        """Return the nearest free place for a hold, on a straight way out of the margins.
+        """Return the nearest free place for a hold, on a straight line out of the margins.
 
-        The altitude is as high above the highest ground on the way as that of the command above the
-        highest ground around. No place is free if the way would climb higher than the vehicle or
-        the command is.
+        The hold is as high above the highest ground on the way as the command is above the highest
+        ground around its own place. No place is free if the way there would climb above both the
+        vehicle and the command.
         """
         if self._landscape.elevation_m is None:
             return None
@@ -278,7 +279,7 @@ class Evasions:
         why: str,
         state: AirspaceState,
     ) -> UploadMission:
-        """Return the upload of an evasion, which is started as soon as it is on board."""
+        """Return the upload of an evasion; the evasion is started as soon as it is on board."""
         vehicle.drop_upload()
         upload = self._missions.upload(vehicle, path, items, fix, why, keeps_apart=True)
         assert vehicle.pending is not None
@@ -328,9 +329,9 @@ class Evasions:
 
 
 def _at_altitudes(items: Items, altitude_of: Callable[[float], float]) -> Items:
-    """Return the items of a mission with other altitudes above mean sea level.
+    """Return a mission's items with other altitudes above mean sea level.
 
-    Items without a position above mean sea level stay as they are.
+    Items without a position, or with another altitude reference, are unchanged.
     """
     return tuple(
         replace(item, z=altitude_of(item.z))

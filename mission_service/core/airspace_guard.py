@@ -1,11 +1,11 @@
 """Keeps all vehicles out of closed airspace: checks each command, and each flight again. Pure.
 
-Each command is checked before it is sent (``checked``), whichever module made it. A mission
-that would enter a closed volume is led around it, or not sent. When a volume closes, and at each
-report of a position, the flight that a vehicle has begun is checked (``watch``). A vehicle that
-would enter gets a new mission from its planner; if it has none in time, it holds before the volume.
-A vehicle inside leaves by the shortest way and holds outside. A return that would be too low for
-the ground is replaced by a mission that leads home over the ground.
+Each command is checked before it is sent (``checked``), whichever module made it. A mission that
+would enter a closed volume is rerouted around it, or not sent. When a volume closes, and at each
+position report, the current flight of a vehicle is checked (``watch``). A vehicle that would enter
+a volume gets a new mission from its planner; if there is none in time, the vehicle holds short of
+the volume. A vehicle inside leaves by the shortest way and holds outside. A return that would be
+too low over the ground is replaced by a mission home that clears the ground.
 """
 
 import math
@@ -51,11 +51,11 @@ from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 CHANGED = "the airspace has changed"
-BEFORE_ENTRY_S = 25.0  # a vehicle without a new mission holds this time before it would enter
+BEFORE_ENTRY_S = 25.0  # without a new mission, a vehicle holds this long before it would enter
 ACTS_AGAIN_S = 15.0  # longer than an upload
-RETURNS_AGAIN_S = 30.0  # longer than the bridge's repetitions of a return
+RETURNS_AGAIN_S = 30.0  # longer than the bridge keeps repeating a return
 START_AGAIN_S = 10.0
-FAILED_WAYS_HOME = 2  # after these uploads a vehicle climbs to return straight
+FAILED_WAYS_HOME = 2  # after this many failed uploads, a vehicle climbs and returns straight home
 
 
 class AirspaceGuard:
@@ -80,12 +80,12 @@ class AirspaceGuard:
         self._landscape = landscape
         self._return_ground = return_ground
         self._vehicles = vehicles
-        self._landings_version = 0  # version of the airspace for which landings are planned
+        self._landings_version = 0  # airspace version for which landings are planned
         self._diverts = not scenario.way.prescribed  # a burn's vehicle climbs to its safe height
 
     @property
     def volumes(self) -> tuple[Volume, ...]:
-        """The volumes that are, were or will be closed."""
+        """The volumes that are, were or are yet to be closed."""
         return self._closed.volumes
 
     def intended(self, name: str) -> list[IntendedPart]:
@@ -93,7 +93,7 @@ class AirspaceGuard:
         return self._space.of_intent(self._vehicles[name], self._states[name])
 
     def on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        """Apply an operator's event: close or open a volume."""
+        """Apply an operator's event that closes or opens a volume."""
         match event:
             case events.AirspaceClosed():
                 announced = self._announced(self._closed.close(event))
@@ -113,7 +113,7 @@ class AirspaceGuard:
         return "on board" if state.on_board_id == state.evasion_id else "sent"
 
     def end_evasion(self, name: str) -> None:
-        """End the evasion of a vehicle, because an order for it is executed."""
+        """End a vehicle's evasion because an order to the vehicle is executed."""
         state = self._states[name]
         state.evasion, state.checked, state.acts_again_at_s = Evasion.NONE, (), -math.inf
         state.failed_ways_home = 0
@@ -123,7 +123,7 @@ class AirspaceGuard:
         return [] if first is None else [announce(first, words, warning=True)]
 
     def _unreachable(self, at_s: float) -> list[AnyCommand]:
-        """Raise alarms for vehicles without a link that may be in closed airspace, or enter it."""
+        """Raise alarms for vehicles without a link that may be in, or enter, closed airspace."""
         airspace, found = self._closed.at(at_s), []
         for vehicle in self._vehicles.values():
             fix, availability = vehicle.availability.fix, vehicle.availability
@@ -140,10 +140,10 @@ class AirspaceGuard:
     def checked(
         self, commands: Iterable[AnyCommand], at_s: float, accepted: bool = False
     ) -> list[AnyCommand]:
-        """Return the commands without those that lead into closed airspace.
+        """Return the commands except those that lead into closed airspace.
 
-        A mission is led around closed volumes if possible, but not a mission that an operator has
-        ``accepted``. A withheld command raises an alarm.
+        A mission is rerouted around closed volumes if possible, unless an operator has ``accepted``
+        it. A withheld command raises an alarm.
         """
         airspace = self._closed.at(at_s)
         found: list[AnyCommand] = []
@@ -229,7 +229,7 @@ class AirspaceGuard:
         return [*evades, announce(vehicle, words, warning=True)]
 
     def departure_obstacle(self, vehicle: Vehicle, at_s: float) -> str:
-        """Return the airspace that a takeoff would enter, at home or on its mission; "" if none."""
+        """Return the airspace that a takeoff would enter, at home or on the mission; "" if none."""
         airspace = self._closed.at(at_s)
         if not airspace.is_limited:
             return ""
@@ -243,16 +243,16 @@ class AirspaceGuard:
     def mission_and_return(
         self, vehicle: Vehicle
     ) -> tuple[tuple[MissionPlace, ...], tuple[float, float]]:
-        """Return the positions of the mission on board, and that to which a return leads (x, y).
+        """Return the positions of the mission on board, and where a return leads (x, y).
 
-        There are no positions of a mission without a takeoff.
+        A mission without a takeoff yields no positions.
         """
         takes_off = vehicle.accepted is not None and vehicle.accepted.takes_off
         places = self._states[vehicle.name].on_board if takes_off else ()
         return places, self.return_goal_m(vehicle)
 
     def return_goal_m(self, vehicle: Vehicle) -> tuple[float, float]:
-        """Return the position (x, y) to which a return of a vehicle leads straight."""
+        """Return the position (x, y) to which a vehicle's return leads directly."""
         return self._space.return_goal_m(vehicle, self._states[vehicle.name])
 
     def return_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
@@ -269,7 +269,7 @@ class AirspaceGuard:
         return "" if conflict is None else f"its mission would enter {conflict}"
 
     def flight_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
-        """Return why a vehicle cannot stay on its present flight; "" if the flight is free."""
+        """Return why a vehicle cannot continue its current flight; "" if the flight is free."""
         inside = _inside(self._closed.at(fix.at_s), fix)
         if inside is not None:
             return f"it is inside {inside}"
@@ -279,7 +279,7 @@ class AirspaceGuard:
     # Flights under way ------------------------------------------------------------------------
 
     def apply(self, event: events.VehicleEvent) -> list[AnyCommand]:
-        """Record which mission is on board, and how far it is flown.
+        """Record which mission is on board, and how much of it has been flown.
 
         Returns an alarm if a vehicle that may be in closed airspace has lost its link.
         """
@@ -291,7 +291,7 @@ class AirspaceGuard:
                 if event.outcome == "accepted" and sent is not None:
                     self._put_on_board(state, event.mission_id, *sent)
                     pending = self._vehicles[event.vehicle].pending
-                    # An upload that the evasion has superseded does not end the evasion.
+                    # The outcome of an upload that the evasion superseded does not end the evasion.
                     awaited = pending is not None and pending.mission_id == event.mission_id
                     if awaited and event.mission_id != state.evasion_id:
                         state.evasion = Evasion.NONE
@@ -314,7 +314,7 @@ class AirspaceGuard:
         return []
 
     def _plan_landings(self, at_s: float) -> None:
-        """Plan the landings of all vehicles again after the airspace has changed."""
+        """Replan the landings of all vehicles after a change of the airspace."""
         airspace = self._closed.at(at_s)
         if self._landings_version == self._closed.version:
             return
@@ -335,7 +335,7 @@ class AirspaceGuard:
         state.sent = {number: sent for number, sent in state.sent.items() if number > mission_id}
 
     def controls_return(self, name: str) -> bool:
-        """Return whether a vehicle that was sent home flies a mission home, or waits.
+        """Return whether a vehicle that was sent home flies a mission home, or is waiting for one.
 
         No planner changes this flight.
         """
@@ -348,16 +348,16 @@ class AirspaceGuard:
         return around and self._flies_out(self._vehicles[name])
 
     def is_led_home(self, name: str) -> bool:
-        """Return whether a vehicle flies a mission home, or this mission is being sent."""
+        """Return whether a vehicle is flying a mission home, or this mission is being sent."""
         return self._vehicles[name].sent_home and self._states[name].evasion is Evasion.AROUND
 
     def must_be_led_home(self, vehicle: Vehicle) -> bool:
-        """Return whether a return would be too low for the ground, so that a mission leads home."""
+        """Return whether a return would be too low over the ground and a mission replaces it."""
         fix = vehicle.availability.fix
         return fix is not None and self._ground_on_way_home(vehicle, fix) is not None
 
     def watch(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Check the present flight of a vehicle; return the commands that keep it out."""
+        """Check a vehicle's current flight; return commands that keep it out of closed airspace."""
         airspace = self._closed.at(at_s)
         state, fix = self._states[vehicle.name], vehicle.availability.fix
         if fix is None or not (airspace.is_limited or state.alarm or state.evasion_id):
@@ -395,7 +395,7 @@ class AirspaceGuard:
         return commands or self._raised(vehicle, words, "severe")
 
     def _check_again(self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace) -> None:
-        """Check the route that the vehicle flies, if anything has changed since the last check."""
+        """Check the vehicle's route if anything has changed since the last check."""
         state = self._states[vehicle.name]
         mode = vehicle.availability.mode
         now: tuple[object, ...] = (self._closed.version, mode, state.on_board_id, state.began_at)
@@ -409,16 +409,16 @@ class AirspaceGuard:
 
     @staticmethod
     def _note_check(state: AirspaceState, now: tuple[object, ...]) -> bool:
-        """Record what a check considers; return whether the last check considered the same.
+        """Record the inputs of a check; return whether those of the last check were the same.
 
-        If not, no command counts as withheld any more.
+        If they were not, no command counts as withheld any longer.
         """
         same = now == state.checked
         state.checked, state.withheld = now, state.withheld and same
         return same
 
     def _is_urgent(self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace) -> bool:
-        """Return whether a vehicle may enter a closed volume before a new mission is flown."""
+        """Return whether a vehicle may enter a closed volume before it flies a new mission."""
         if vehicle.availability.mode != MISSION:
             return True
         state = self._states[vehicle.name]
@@ -435,13 +435,13 @@ class AirspaceGuard:
         )
 
     def _ends_outside(self, vehicle: Vehicle, airspace: Airspace) -> bool:
-        """Return whether the vehicle flies out, and no volume has closed over its end."""
+        """Return whether the vehicle is flying out of a volume to a position that is still free."""
         route = self._states[vehicle.name].on_board
         ends = bool(route) and airspace.volume_at(route[-1].position) is None
         return ends and self._flies_out(vehicle)
 
     def _flies_out(self, vehicle: Vehicle) -> bool:
-        """Return whether the vehicle flies the mission by which it leaves a volume."""
+        """Return whether the vehicle is flying the mission by which it leaves a volume."""
         state = self._states[vehicle.name]
         flown = vehicle.availability.mode == MISSION and state.on_board_id == state.evasion_id != 0
         return flown and state.evasion in (Evasion.EXIT, Evasion.AROUND)
@@ -465,7 +465,7 @@ class AirspaceGuard:
         at_s: float,
         returns: bool,
     ) -> list[AnyCommand]:
-        """Return the commands for a vehicle that would enter a volume, or is inside."""
+        """Return the commands for a vehicle that would enter a volume or is inside one."""
         state = self._states[vehicle.name]
         state.acts_again_at_s = at_s + ACTS_AGAIN_S
         if returns:
@@ -494,11 +494,11 @@ class AirspaceGuard:
     def _goes_home(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
     ) -> list[AnyCommand]:
-        """Return the order to return, once the straight way home is free.
+        """Return the order to return once the straight way home is free.
 
-        A mission home, which flies high over the ground, ends only where the return has more than
-        the least clearance. A vehicle that was sent home and does not fly there, because no way was
-        free or the upload or the start of its mission failed, also gets a mission around the
+        A mission home, which flies high above the ground, ends only where the return has more than
+        the least clearance. A vehicle that was sent home but is not flying there, because no way
+        was free or its mission could not be uploaded or started, also gets a mission around the
         volumes as soon as there is one.
         """
         state, at_s = self._states[vehicle.name], fix.at_s
@@ -529,7 +529,7 @@ class AirspaceGuard:
     ) -> list[AnyCommand]:
         """Return the climb for a vehicle that accepts no mission home over the ground.
 
-        A return follows when the climb is complete. If a climb does not help, or would enter closed
+        A return follows when the climb is complete. If a climb would not help or would enter closed
         airspace, an alarm is raised.
         """
         if self._states[vehicle.name].failed_ways_home < FAILED_WAYS_HOME:
@@ -553,14 +553,14 @@ class AirspaceGuard:
     def _conflict(
         self, vehicle: Vehicle, places: tuple[MissionPlace, ...], airspace: Airspace
     ) -> str | None:
-        """Return the airspace that a mission would enter if it begins now."""
+        """Return the airspace that a mission would enter if it began now."""
         parts = self._space.of_mission(vehicle, places)
         return airspace.conflict(parts, self._landscape, self._space.start_of(vehicle))
 
     def _flight_conflict(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
     ) -> str | None:
-        """Return the airspace that the flight under way would enter."""
+        """Return the airspace that the current flight would enter."""
         if vehicle.availability.mode in GOING_HOME:
             return self._closed_on_way_home(vehicle, fix, airspace)
         parts = self._space.of_flight(vehicle, fix, self._states[vehicle.name])
@@ -573,9 +573,9 @@ class AirspaceGuard:
         airspace: Airspace,
         clearance_m: float = CLEARANCE_M,
     ) -> str | None:
-        """Return, in words, the airspace that a return would enter if it begins now, or None.
+        """Return, in words, the airspace that a return would enter if it began now, or None.
 
-        This is closed airspace, or that less than ``clearance_m`` above the ground.
+        This is closed airspace, or airspace less than ``clearance_m`` above the ground.
         """
         closed = self._closed_on_way_home(vehicle, fix, airspace)
         return closed or self._ground_on_way_home(vehicle, fix, clearance_m)
@@ -585,7 +585,7 @@ class AirspaceGuard:
     ) -> str | None:
         """Return, in words, the closed volume that a return would enter, or None.
 
-        A return does not follow the ground, so that the limit above ground does not apply.
+        A return does not follow the terrain, so the limit above ground does not apply.
         """
         parts = self._space.of_return(vehicle, fix, self._states[vehicle.name])
         volumes = replace(airspace, max_altitude_agl_m=None)
@@ -596,7 +596,7 @@ class AirspaceGuard:
     ) -> str | None:
         """Return, in words, the airspace close above ground on the straight way home, or None.
 
-        Near home the way is not compared, so that a mission home always ends in a return.
+        Near home no comparison is made, so that a mission home always ends in a return.
         """
         goal_m = self.return_goal_m(vehicle)
         near_m = math.dist((fix.x_m, fix.y_m), goal_m)
@@ -612,13 +612,13 @@ class AirspaceGuard:
         return raised(vehicle, self._states[vehicle.name], words, severity)
 
     def _withheld(self, vehicle: Vehicle, words: str) -> list[AnyCommand]:
-        """Raise the alarm about a command that is not sent, unless it states an evasion."""
+        """Raise the alarm about a command that is not sent, unless an evasion is under way."""
         evades = self._states[vehicle.name].evasion is not Evasion.NONE
         return [] if evades else self._raised(vehicle, words)
 
     def _lowered(self, vehicle: Vehicle) -> list[AnyCommand]:
         state = self._states[vehicle.name]
-        # A vehicle that an operator holds stays where it is after an evasion.
+        # A vehicle held by an operator stays where it is after an evasion.
         evades = state.evasion is not Evasion.NONE and not vehicle.ordered
         if not state.alarm or state.withheld or evades:
             return []
@@ -627,7 +627,7 @@ class AirspaceGuard:
 
 
 def _count_failure(state: AirspaceState, event: events.UploadFinished) -> None:
-    """Count the missions home that the autopilot has not accepted one after the other."""
+    """Count the consecutive missions home that the autopilot has not accepted."""
     if event.outcome == "accepted":
         state.failed_ways_home = 0
     elif event.outcome != "cancelled" and state.evasion is Evasion.AROUND:
@@ -641,6 +641,6 @@ def _inside(airspace: Airspace, fix: PositionFix) -> str | None:
 
 
 def _waits_for_upload(vehicle: Vehicle, inside: bool) -> bool:
-    """Return whether an upload must end first; the way out of a volume replaces other missions."""
+    """Return whether an upload must end first; a mission out of a volume replaces others."""
     pending = vehicle.pending
     return pending is not None and (pending.evades or not inside)

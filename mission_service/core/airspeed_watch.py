@@ -1,7 +1,7 @@
-"""Compares the airspeed of a plane with the airspeed that its missions command. Pure.
+"""Compares a plane's airspeed with the airspeed commanded by its missions. Pure.
 
-Autopilots accept commanded airspeeds that they do not fly. ArduPlane 4.6 skips a DO_CHANGE_SPEED
-item with an airspeed outside the range from AIRSPEED_MIN to AIRSPEED_MAX, without a report. PX4
+Autopilots accept commanded airspeeds that they do not fly. ArduPlane 4.6 silently skips a
+DO_CHANGE_SPEED item whose airspeed lies outside the range from AIRSPEED_MIN to AIRSPEED_MAX. PX4
 1.17 limits the airspeed to the range from FW_AIRSPD_MIN to FW_AIRSPD_MAX. Paths, endurance and
 separation are planned with ``airspeed_m_s``.
 """
@@ -11,15 +11,15 @@ from mission_service.vehicles.availability import MISSION
 from mission_service.vehicles.vehicle_state import Vehicle
 
 AIRSPEED = "airspeed"
-DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # tolerance: the larger of the speed and the fraction
-LASTS_S = 90.0  # longer than the differences in climbs and turns
+DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # tolerance: the larger of the two
+LASTS_S = 90.0  # longer than deviations in climbs and turns last
 
 
 def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     """Raise or clear the alarm about an airspeed that differs from the commanded one.
 
     The alarm is raised when the difference has lasted ``LASTS_S`` in the mission, and cleared when
-    the difference or the mission has ended. Missions command the airspeed after the takeoff.
+    the difference or the mission has ended. Missions command the airspeed after takeoff.
     """
     commanded_m_s, measured_m_s = vehicle.section.airspeed_m_s, vehicle.airspeed_m_s
     availability = vehicle.availability

@@ -1,8 +1,8 @@
 """Converts an autopilot's reports to announcements and alarms for operators. Pure.
 
 An alarm is raised when the autopilot reports the cause, and cleared when the autopilot reports the
-end of the cause. Autopilots do not report when the cause of a text has ended, so the alarm of a
-text is cleared ``TEXT_STANDS_S`` after the last text.
+end of the cause. Autopilots do not report that the cause of a text has ended, so the alarm about a
+text is cleared ``TEXT_STANDS_S`` after the last one.
 """
 
 from mission_service import events
@@ -15,7 +15,7 @@ WARNING, CRITICAL = 4, 2
 TEXT_STANDS_S = 60.0
 # PX4's mission protocol sends these texts with severity critical after repeated requests.
 OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
-# ArduCopter sends this text with severity critical after each change of the mission that it flies.
+# ArduCopter sends this text with severity critical whenever the mission that it is flying changes.
 OF_UPLOADS, AFTER_UPLOAD_S = "Auto mission changed, restarted command", 5.0
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
 LINK_CAUSES = {  # why the link in use has changed
@@ -24,7 +24,7 @@ LINK_CAUSES = {  # why the link in use has changed
     "recovered": "this link works again",
 }
 LANDED, THRUST, ONE_LINK, REMOTE_ID = "landed", "thrust", "one_link", "remote_id"
-REMOTE_ID_AFTER_S = 3.0  # the module reports once a second, also after an interruption of the link
+REMOTE_ID_AFTER_S = 3.0  # the module reports once a second, even after a link interruption
 
 
 def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
@@ -56,7 +56,7 @@ def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
             return [announce(vehicle, "landing", warning=True)]
         case events.LandedStateChanged():
             mode = vehicle.availability.mode
-            # After a landing the autopilot disarms.
+            # After a landing, the autopilot disarms.
             lands = mode in GOING_HOME or vehicle.landing_state.active
             down = vehicle.availability.airborne and event.state == "on ground" and not lands
             words = f"on the ground in {named_mode(mode)}, and armed"
@@ -85,7 +85,7 @@ def remote_id_watched(vehicle: Vehicle, required: bool, at_s: float) -> list[Any
     """Raise the alarm about a required Remote ID module that is not ready in flight, or clear it.
 
     Args:
-        vehicle: The vehicle, which has reported its position.
+        vehicle: The vehicle that has reported its position.
         required: Whether the scenario requires Remote ID.
         at_s: Mission time.
     """
@@ -104,7 +104,7 @@ def remote_id_watched(vehicle: Vehicle, required: bool, at_s: float) -> list[Any
 
 
 def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Clear the alarm of a text after ``TEXT_STANDS_S`` without another text."""
+    """Clear the alarm about a text after ``TEXT_STANDS_S`` without another one."""
     if vehicle.text_at_s is None or at_s - vehicle.text_at_s < TEXT_STANDS_S:
         return []
     vehicle.text_at_s = None
@@ -114,7 +114,7 @@ def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
 def _links(vehicle: Vehicle, event: events.LinksReported) -> list[AnyCommand]:
     """Announce a change of the link in use, and raise an alarm if only one link is left.
 
-    If all links are silent, the link counts as lost, which has its own alarm.
+    If all links are silent, the link counts as lost, for which there is another alarm.
     """
     silent = tuple(each.link for each in event.links if each.state == "silent")
     before, vehicle.silent_links = vehicle.silent_links, silent
@@ -144,7 +144,7 @@ def _text(vehicle: Vehicle, event: events.AutopilotText) -> list[AnyCommand]:
 
 
 def _uploads(vehicle: Vehicle, at_s: float) -> bool:
-    """Return whether the service uploads, or has just uploaded, a mission to the vehicle."""
+    """Return whether the service is uploading, or has just uploaded, a mission to the vehicle."""
     return vehicle.pending is not None or at_s - vehicle.upload_ended_at_s < AFTER_UPLOAD_S
 
 

@@ -15,7 +15,7 @@ from mission_service.errors import ScenarioError
 
 
 class ClosedAirspace:
-    """The volumes of a run; ``version`` increases when a volume begins or ends to be closed."""
+    """The volumes of a run; ``version`` increases whenever a volume closes or opens."""
 
     def __init__(self, section: AirspaceSection, landscape: Landscape) -> None:
         """Read the scenario's volumes. Raises ScenarioError for a file that cannot be read."""
@@ -29,7 +29,7 @@ class ClosedAirspace:
         self._detours: dict[tuple[str, ...], Detours] = {}
 
     def close(self, event: events.AirspaceClosed) -> str:
-        """Close a volume and return the announcement, which may be that the request is refused."""
+        """Close a volume; return the announcement of this, or of the request's refusal."""
         at_s = event.at_us / 1e6
         left = tuple(volume for volume in self.volumes if at_s < volume.until_s)
         if any(volume.name == event.name for volume in left):
@@ -43,11 +43,11 @@ class ClosedAirspace:
         ceiling_m = math.inf if event.ceiling_amsl_m is None else event.ceiling_amsl_m
         until_s = math.inf if event.for_s is None else at_s + event.for_s
         volume = Volume(event.name, area_m, floor_m, ceiling_m, at_s, until_s)
-        self.volumes = (*left, volume)  # without volumes that have opened by their time
+        self.volumes = (*left, volume)  # without volumes whose closure has expired
         return f"airspace {event.name!r} closed by {event.by}"
 
     def open(self, event: events.AirspaceOpened) -> str:
-        """Open a volume and return the announcement, which may be that the request is refused."""
+        """Open a volume; return the announcement of this, or of the request's refusal."""
         left = tuple(volume for volume in self.volumes if volume.name != event.name)
         if len(left) == len(self.volumes):
             names = ", ".join(repr(volume.name) for volume in self.volumes) or "none"
@@ -56,7 +56,7 @@ class ClosedAirspace:
         return f"airspace {event.name!r} opened by {event.by}"
 
     def at(self, at_s: float) -> Airspace:
-        """Return the airspace at a mission time; volumes count as closed ``lead_s`` earlier."""
+        """Return the airspace at a mission time; volumes count as closed ``lead_s`` in advance."""
         closed = tuple([each for each in self.volumes if each.is_closed(at_s, self._lead_s)])
         if closed != self._airspace.volumes:
             self._airspace = Airspace(closed, self._margins, self._max_agl_m)
@@ -65,9 +65,9 @@ class ClosedAirspace:
         return self._airspace
 
     def detours(self, volumes: Iterable[Volume], section: VehicleSection, factor: float) -> Detours:
-        """Return the ways around closed volumes for a vehicle; computed once for each selection.
+        """Return a vehicle's ways around closed volumes; they are computed once per selection.
 
-        ``factor`` multiplies the distance by which the ways are longer than the margins require.
+        ``factor`` multiplies the distance that the ways keep in addition to the margins.
         """
         volumes = tuple(volumes)
         extra_m = factor * (section.turn_radius_m / 2.0 if section.winged else 10.0)

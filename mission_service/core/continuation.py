@@ -30,7 +30,7 @@ class Continuation:
         self._landings = landings
 
     def read_back(self, vehicle: Vehicle, event: events.MissionReadBack) -> list[AnyCommand]:
-        """Continue with the mission read back after a restart; in a burn, announce the mission."""
+        """Continue with the mission read back after a restart; in a burn, only announce it."""
         at_s, availability = event.at_us / 1e6, vehicle.availability
         was, vehicle.unconfirmed = vehicle.unconfirmed, None
         if was is None:
@@ -53,7 +53,7 @@ class Continuation:
         if vehicle.ordered:
             accepted_last = vehicle.accepted
             evades = accepted_last is not None and accepted_last.evades
-            # The mission out of a closed volume replaces the hold.
+            # The mission that leads out of a closed volume replaces the hold.
             if vehicle.mode in GOING_HOME or (vehicle.mode == MISSION and not evades):
                 vehicle.hold_again_at_s = at_s
             held = "an earlier order to hold applies until an operator orders resume"
@@ -72,14 +72,14 @@ class Continuation:
             vehicle.start_again_at_s = at_s
         elif not waits and not on_board and (was.starting or vehicle.start_again_at_s):
             vehicle.holding, vehicle.start_again_at_s = True, None
-        else:  # the vehicle has landed or rebooted meanwhile
+        else:  # the vehicle has landed or its autopilot has rebooted meanwhile
             waits = waits or (vehicle.started and not vehicle.start_again_at_s)
         return [announce(vehicle, WAITS, warning=True)] if waits else []
 
     def _continued_in_air(
         self, vehicle: Vehicle, was: UnconfirmedState, starts: bool
     ) -> list[AnyCommand]:
-        """Start the mission of a vehicle that an operator resumed, or that holds before a start."""
+        """Start the mission of a vehicle that an operator resumed or that holds before a start."""
         if vehicle.availability.taken_over:
             return []
         if was.resumed and vehicle.read_back == "unknown":

@@ -192,18 +192,18 @@ class Core:
         return commands
 
     def _raised(self, command: AnyCommand) -> AnyCommand:
-        """Return a command, or a higher hold if the ground around the hold is too high."""
+        """Return the command, or a higher hold if the ground around the hold is too high."""
         if not isinstance(command, Hold):
             return command
         return raised_hold(command, self.vehicles[command.vehicle], self.landscape)
 
     def _withheld(self, command: AnyCommand) -> bool:
-        """Return whether a command must not be sent; this check is independent of the callers.
+        """Return whether a command must not be sent, independently of the callers' checks.
 
         A command is withheld if it would change a mode that the autopilot or the pilot selected, or
         if it would start a vehicle without an operator's order. A command that an operator
-        confirmed is sent. An order to start that was given in the air does not start a vehicle that
-        has landed since, and no hold lifts it off again.
+        confirmed is sent. A start ordered in the air is withheld from a vehicle that has landed
+        since, as is a hold that would make it take off again.
         """
         if type(command) not in LEADS_TO:
             return False
@@ -228,7 +228,7 @@ class Core:
         return self._reliefs is not None and self._reliefs.stays_on_ground(vehicle)
 
     def _start_by_order(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission on board; a vehicle that stands by takes off when its relief is due."""
+        """Start the mission on board; a vehicle on standby takes off when its relief is due."""
         if self._stands_by(vehicle):
             return [announce(vehicle, "stands by: it takes off when its relief is due")]
         return self._starts.start_mission(vehicle, at_s)
@@ -275,7 +275,7 @@ class Core:
     def _requested(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         if self._reliefs is not None:
             self._reliefs.record_request(event)
-        if isinstance(event, events.Resumed):  # the restart leaves links and commands unconfirmed
+        if isinstance(event, events.Resumed):  # after a restart, links and commands are unconfirmed
             self.decision_engine.apply_restart(event)
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
@@ -305,7 +305,7 @@ class Core:
             case events.VehicleRebooted():
                 return self._rebooted(vehicle, event.at_us / 1e6, was)
             case events.EstimatorStatusChanged() if not (was.airborne or was.estimator_healthy):
-                # While the estimator starts, its problems change often: the alarm is enough.
+                # During the estimator's start its problems change often: the alarm suffices.
                 return [each for each in reported(vehicle, event) if not isinstance(each, Announce)]
             case (
                 events.SystemStateChanged()
@@ -428,8 +428,8 @@ class Core:
         if vehicle.unconfirmed is not None and not self._way.prescribed:
             return True  # wait until its mission is read back
         if availability.in_failsafe and availability.mode == MISSION:
-            return True  # ArduPlane may land by its mission: a new mission would end the landing
-        return not availability.position_good  # decisions do not use dead reckoning
+            return True  # ArduPlane may be landing by its mission, and a new one would end that
+        return not availability.position_good  # decisions are not based on dead reckoning
 
     def validate_state(self) -> None:
         """Check the invariants between two events; raises AssertionError. For tests."""
@@ -452,7 +452,7 @@ class Core:
         return []
 
     def _deploy(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Upload the mission to the fire as soon as the guidance has a path."""
+        """Upload the mission to the fire as soon as the guidance provides a path."""
         path = self.guidance.first_path(vehicle, fix)
         if path is None:
             return []
@@ -500,7 +500,8 @@ class Core:
         if (was.recalled or was.taken_over) and event.mode == MISSION:
             vehicle.flown_line = None
             if was.mode in GOING_HOME:
-                # The pilot has ended the return; the end of its energy sends it home again.
+                # The pilot has ended the return; when energy runs low, the vehicle is sent home
+                # again.
                 energy = vehicle.energy.estimate
                 time_up = energy is not None and energy.time_on_task_s <= 0.0
                 vehicle.sent_home &= time_up or self.airspace.controls_return(vehicle.name)
@@ -549,7 +550,7 @@ class Core:
         ended += back_under_control(vehicle)
         if not has_landed:
             return [*ended, announce(vehicle, f"disarmed {WAITS}", warning=True)]
-        # The mission on board begins in the air: a takeoff needs a new mission.
+        # The mission on board begins in the air, so a takeoff needs a new mission.
         vehicle.flown_line = vehicle.refusal = None
         self.traffic.forget(vehicle.name)
         return [*ended, announce(vehicle, "landed")]
@@ -557,7 +558,7 @@ class Core:
     def _rebooted(self, vehicle: Vehicle, at_s: float, was: "_Was") -> list[AnyCommand]:
         """Reset a vehicle whose autopilot was restarted; an order to return remains valid.
 
-        The restarted autopilot may have any mission on board, or none.
+        The restarted autopilot may have any mission on board or none.
         """
         returns = vehicle.availability.recalled or self.airspace.is_led_home(vehicle.name)
         ended = self._end_intentions(vehicle, "the autopilot was restarted")
@@ -577,7 +578,7 @@ class Core:
         words = announce(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
 
-    # Handlers that do not depend on the vehicle's state before the event.
+    # Handlers that do not depend on the vehicle's prior state.
     _ANSWERS: ClassVar[dict[type[events.VehicleEvent], Callable[..., list[AnyCommand]]]] = {
         events.VehicleConnected: _connected,
         events.LinkLost: _link_lost,
@@ -591,7 +592,7 @@ class Core:
 
 
 class _Was(NamedTuple):
-    """The state of a vehicle before an event."""
+    """A vehicle's state before an event."""
 
     airborne: bool
     recalled: bool

@@ -1,7 +1,7 @@
 """Updates the vehicles' availability from events, and runs their planners.
 
-The core converts decisions to missions. The command ``mission-service decide`` runs the planners
-alone on a journal.
+The core converts decisions to missions. The command ``mission-service decide`` runs only the
+planners, on a journal.
 """
 
 import math
@@ -57,13 +57,13 @@ class DecisionEngine:
         return None
 
     def recall(self, name: str, at_s: float) -> None:
-        """Record an order to return; if given on the ground, the order is valid until takeoff."""
+        """Record an order to return; an order given on the ground is valid until takeoff."""
         availability = self.availability[name]
         availability.recalled, availability.recalled_on_ground = True, not availability.airborne
         self.planners[name].left(at_s)
 
     def on_command(self, command: AnyCommand, at_s: float) -> None:
-        """Record a command that is sent; the modes that it causes are expected from now on."""
+        """Record a command that is sent; from now on, the modes that it causes are expected."""
         if type(command) in LEADS_TO:
             self.availability[command.vehicle].on_sent(type(command), at_s)
         elif isinstance(command, ShowLanding):
@@ -72,9 +72,9 @@ class DecisionEngine:
             self._show_relief(command)
 
     def show_landing(self, shown: ShowLanding, at_s: float) -> None:
-        """Record the phase of a landing; no effect if the phase is recorded already.
+        """Record the phase of a landing; no effect if it is already recorded.
 
-        When a landing begins, the mode counts as commanded, and the vehicle leaves the plans.
+        When a landing begins, the mode counts as commanded, and planners no longer use the vehicle.
         """
         availability = self.availability[shown.vehicle]
         if shown.phase != "none" and availability.landing == "none":
@@ -83,7 +83,7 @@ class DecisionEngine:
         availability.landing = shown.phase
 
     def _show_relief(self, shown: ShowRelief) -> None:
-        """Record a role; a vehicle that takes over a task exchanges its planner for the task's."""
+        """Record a role; a vehicle that takes over a task swaps its planner for the task's."""
         self.availability[shown.vehicle].off_task = shown.role != "on task"
         other, planners = shown.takes_over_from, self.planners
         if other and other != shown.vehicle:
@@ -91,7 +91,7 @@ class DecisionEngine:
             planners[shown.vehicle], planners[other] = planners[other], planners[shown.vehicle]
 
     def apply_restart(self, event: events.Resumed) -> None:
-        """Apply a restart of the service: no vehicle is connected."""
+        """Apply a restart of the service, after which no vehicle is connected."""
         for availability in self.availability.values():
             availability.on_service_restart(event.at_us / 1e6 - event.down_s)
 
@@ -102,7 +102,7 @@ class DecisionEngine:
             return False
         if availability.needs_confirmation(event.order) and not event.confirmed:
             return False
-        if event.order == "land":  # takes effect when the landing begins
+        if event.order == "land":  # it takes effect when the landing begins
             return True
         availability.mode_is_ordered = True
         availability.hold_is_ordered = event.order in ("hold", "go-around")
@@ -215,14 +215,14 @@ class DecisionEngine:
         self._look_for_override(event.vehicle, at_s)
 
     def _look_for_override(self, name: str, at_s: float) -> None:
-        """Attribute a mode to the failsafe or the landing that the vehicle reports.
+        """Attribute a mode to a failsafe or a landing reported by the vehicle.
 
         The mode is a hold during an upload, or a mode that was ordered before a restart of the
         service.
         """
         availability = self.availability[name]
         landed = availability.ordered_before_restart and availability.on_ground
-        landed &= availability.mode not in GOING_HOME  # after such a landing the vehicle disarms
+        landed &= availability.mode not in GOING_HOME  # after these, the vehicle disarms
         if availability.may_be_overridden and (availability.in_failsafe or landed):
             availability.mode_is_ordered = availability.held_by_upload = False
             availability.ordered_before_restart = False
@@ -239,7 +239,7 @@ class DecisionEngine:
         availability: VehicleAvailability,
         event: events.GpsFixChanged | events.EstimatorStatusChanged,
     ) -> None:
-        """Record whether positions are reliable; if not, exclude the vehicle from planning."""
+        """Record whether positions are reliable; otherwise exclude the vehicle from planning."""
         was_good = availability.position_good
         if isinstance(event, events.GpsFixChanged):
             availability.fix_good = event.good
@@ -261,13 +261,13 @@ class DecisionEngine:
         availability.fix = PositionFix(
             at_s, row, col, x_m, y_m, telemetry.altitude_amsl_m, *velocity
         )
-        # Home may lie on a hill: after takeoff a vehicle counts as airborne until it is disarmed.
+        # Home may lie on a hill, so a vehicle counts as airborne from takeoff until it is disarmed.
         flies = telemetry.altitude_relative_m >= self._airborne_m or availability.restarted_in_air
         if flies and not availability.airborne:
             availability.restarted_in_air = False
             availability.airborne, availability.took_off_at_s = True, at_s
             availability.recalled_on_ground = False
-            if availability.mode in GOING_HOME:  # the mode's report preceded the takeoff
+            if availability.mode in GOING_HOME:  # the mode was reported before the takeoff
                 self.recall(telemetry.vehicle, at_s)
         if not availability.flies or availability.off_task or at_s < self._deploy_at_s:
             return None

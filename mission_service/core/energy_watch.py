@@ -1,8 +1,8 @@
-"""Updates the estimate of each vehicle's energy, reports it, and raises the alarms about it. Pure.
+"""Updates and reports the estimate of each vehicle's energy, and raises alarms about it. Pure.
 
 Alarms: ``energy`` if little time is left, severe if the energy does not suffice for the flight
-home; ``overdue`` (severe) if the vehicle should fly home and does not, because an operator's hold,
-a mode that its autopilot or pilot selected, or a missing position prevents the order to return.
+home; ``overdue`` (severe) if the vehicle should fly home but does not because an operator's hold, a
+mode that its autopilot or pilot selected, or a missing position prevents the order to return.
 """
 
 import math
@@ -27,13 +27,13 @@ from mission_service.vehicles.way_home import Vector
 
 ENERGY, OVERDUE = "energy", "overdue"
 EVERY_S, REPORT_EVERY_S = 1.0, 10.0
-FRESH_S = 120.0  # an older measured wind is replaced by the wind of the scenario
-LITTLE_S, ENOUGH_S = 180.0, 240.0  # time on task at which the alarm is raised and cleared
-OVERDUE_AFTER_S = 15.0  # the order to return takes effect in the meantime
+FRESH_S = 120.0  # an older measured wind is replaced by the scenario's wind
+LITTLE_S, ENOUGH_S = 180.0, 240.0  # time on task at which the alarm is raised, and cleared
+OVERDUE_AFTER_S = 15.0  # the order to return takes effect within this time
 
 
 class EnergyWatch:
-    """The estimates of the energy of all vehicles; the vehicles store the state."""
+    """The energy estimates of all vehicles; the vehicles store the state."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         self._weather = weather_of(scenario)
@@ -41,12 +41,12 @@ class EnergyWatch:
         self._ordered_height_m = way_of(scenario).return_height_m(scenario, landscape)
 
     def battery(self, vehicle: Vehicle, event: events.BatteryUpdated) -> None:
-        """Apply a report of the battery."""
+        """Apply a battery report."""
         min_v = vehicle.section.battery_min_voltage_v
         vehicle.battery.apply(event, vehicle.availability.airborne, min_v)
 
     def air_measured(self, vehicle: Vehicle, event: events.AirDataMeasured) -> None:
-        """Apply the wind and the true airspeed that follow from flight on several headings."""
+        """Apply the wind and the true airspeed derived from flight on several headings."""
         fix = vehicle.availability.fix
         if fix is None:
             return
@@ -59,7 +59,7 @@ class EnergyWatch:
     ) -> list[AnyCommand]:
         """Update the estimate of a vehicle that has reported its position.
 
-        ``led_home`` is whether the vehicle flies a mission home.
+        ``led_home`` states whether the vehicle flies a mission home.
         """
         state, at_s = vehicle.energy, event.at_us / 1e6
         vehicle.battery.settle(at_s)
@@ -76,7 +76,7 @@ class EnergyWatch:
         ]
 
     def ended(self, vehicle: Vehicle) -> list[AnyCommand]:
-        """End the estimate of a flight; the learned rates remain."""
+        """End the estimate of a flight; the learned rates are kept."""
         state = vehicle.energy
         vehicle.battery.end_flight()
         state.flies_on, state.time_up_since_s = False, None
@@ -96,21 +96,22 @@ class EnergyWatch:
         return estimate(times, found_s, at_s)
 
     def return_height_m(self, vehicle: Vehicle) -> float:
-        """Return the height above home of a return, in m; that usual for the stack if unknown."""
+        """Return the return height above home in m; if unknown, the stack's usual one."""
         height_m = self.known_return_height_m(vehicle)
         return usual_return_height_m(vehicle.section) if height_m is None else height_m
 
     def known_return_height_m(self, vehicle: Vehicle) -> float | None:
-        """Return the height above home of a return, in m, or None.
+        """Return the return height above home in m, or None.
 
-        It is ordered by the service, read from the autopilot, or given by the scenario.
+        It is the height that the service orders, or else the autopilot's parameter, or else the
+        scenario's value.
         """
         given = (vehicle.return_flight.height_m, vehicle.section.return_height_m)
         heights_m = (self._ordered_height_m, *given)
         return next((height_m for height_m in heights_m if height_m is not None), None)
 
     def wind_m_s(self, vehicle: Vehicle, at_s: float) -> Vector:
-        """Return the velocity of the air (x, y) on the map, as measured or by the scenario."""
+        """Return the velocity of the air (x, y) on the map, measured or from the scenario."""
         air_data = vehicle.air_data
         measured = (air_data and air_data.wind, vehicle.availability.measured_wind)
         fresh = (each for each in measured if each is not None and at_s - each.at_s <= FRESH_S)
@@ -141,12 +142,12 @@ def _report(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
 
 
 def _low(vehicle: Vehicle, found: EnergyEstimate | None) -> list[AnyCommand]:
-    """Raise or clear the alarm about little energy."""
+    """Raise or clear the alarm about low energy."""
     state, before = vehicle.energy, vehicle.energy.low
     if found is None:
         state.low = ""
     elif found.runs_out or (before == "severe" and found.time_on_task_s <= 0.0):
-        state.low = "severe"  # also while the time home varies on a circle
+        state.low = "severe"  # also while the time home varies during a circle
     elif found.time_on_task_s < LITTLE_S or (before and found.time_on_task_s < ENOUGH_S):
         state.low = "warning"
     else:

@@ -1,4 +1,4 @@
-"""Computes the space that vehicles occupy in the flights that they have begun, or would begin."""
+"""Computes the space that vehicles occupy in flights that they have begun or would begin."""
 
 import math
 from collections.abc import Sequence
@@ -32,25 +32,25 @@ from mission_service.vehicles.airspace_state import AirspaceState
 from mission_service.vehicles.availability import AIRBORNE_M, GOING_HOME, MISSION
 from mission_service.vehicles.vehicle_state import Vehicle
 
-HOLDS_FOR_UPLOAD_S = 3.0  # until a vehicle that holds for an upload flies on
-STARTS_WITHIN_S = 2.0  # until a vehicle flies a mission that is sent now
+HOLDS_FOR_UPLOAD_S = 3.0  # until a vehicle that holds for an upload continues
+STARTS_WITHIN_S = 2.0  # until a vehicle flies a mission sent now
 RETURN_ABOVE_M = 150.0  # returns are checked up to this height above home
 COPTER_REACH_M = 20.0
 
 
 def position_of(fix: PositionFix) -> Position:
-    """Return x, y and altitude of a vehicle."""
+    """Return the x, y and altitude of a vehicle."""
     return fix.x_m, fix.y_m, fix.altitude_m
 
 
 class FlightSpace:
-    """The space of flights over a landscape."""
+    """The space occupied by flights over a landscape."""
 
     def __init__(self, landscape: Landscape) -> None:
         self._landscape = landscape
 
     def route(self, vehicle: Vehicle, items: Sequence[MissionItem]) -> tuple[MissionPlace, ...]:
-        """Return the positions of a mission. A multirotor hovers at the places of loiters."""
+        """Return the positions of a mission. Where a mission loiters, a multirotor hovers."""
         places = mission_places(items, self._landscape, self._home_altitude_m(vehicle))
         if vehicle.section.winged:
             return places
@@ -62,7 +62,7 @@ class FlightSpace:
         return landing_places(items, self._landscape, self._home_altitude_m(vehicle))
 
     def start_of(self, vehicle: Vehicle) -> Position | None:
-        """Return the position at which a new mission would begin in the air; None on the ground.
+        """Return the position where a new mission would begin in the air; None on the ground.
 
         A vehicle that returns or lands counts as on the ground below ``AIRBORNE_M``: a mission
         would be a takeoff.
@@ -84,11 +84,11 @@ class FlightSpace:
         fix = vehicle.availability.fix
         if fix is None or not vehicle.availability.airborne or not places:
             return parts + mission_parts(places)
-        parts += mission_parts(places, [position_of(fix)])[1:]  # it begins with a turn, see below
+        parts += mission_parts(places, [position_of(fix)])[1:]  # it begins with a turn (see below)
         here = (fix.x_m, fix.y_m)
         positions = [place.position for place in places]
         away = [each for each in positions if math.dist(each[:2], here) > 1.0] or positions[-1:]
-        # If the first position is that of the vehicle, it is behind the vehicle when the mission
+        # If the first position is the vehicle's own, it lies behind the vehicle when the mission
         # begins.
         for first, *then in (positions, away):
             for entry in self._entries(vehicle, fix, first[:2]):
@@ -97,7 +97,7 @@ class FlightSpace:
         return parts
 
     def of_flight(self, vehicle: Vehicle, fix: PositionFix, state: AirspaceState) -> list[Part]:
-        """Return the space of the flight that the vehicle has begun, by its mode."""
+        """Return the space of the vehicle's current flight, according to its mode."""
         mode = vehicle.availability.mode
         if mode == MISSION:
             if not state.on_board:
@@ -111,7 +111,7 @@ class FlightSpace:
         if mode in ("guided", "orbit") and state.orbit is not None:
             return [state.orbit]
         if state.orbit is not None and vehicle.hold_at is not None and vehicle.ordered:
-            return [state.orbit]  # a PX4 holds at another place in the same mode
+            return [state.orbit]  # PX4 also holds at another place in this mode
         return [self.of_hold(vehicle, state.began_at or position_of(fix))]
 
     def of_hold_at(self, vehicle: Vehicle, command: Orbit | ClimbAndHold | HoldAt) -> Part:
@@ -132,8 +132,8 @@ class FlightSpace:
     def of_return(self, vehicle: Vehicle, fix: PositionFix, state: AirspaceState) -> list[Part]:
         """Return the space of the autopilot's return, at any altitude that it may use.
 
-        The return leads straight home. A plane then circles above home. If a PX4 returns to the
-        landing in its mission, it flies straight to the loiter of the landing, and glides home.
+        The return is flown straight home. A plane then circles above home. If PX4 returns to the
+        landing in its mission, it flies straight to the landing's loiter and glides home.
         """
         home_altitude_m = self._home_altitude_m(vehicle)
         high_m = max(fix.altitude_m, home_altitude_m + RETURN_ABOVE_M)
@@ -151,17 +151,17 @@ class FlightSpace:
         return [Part(part.shape, home_altitude_m, high_m) for part in parts]
 
     def return_goal_m(self, vehicle: Vehicle, state: AirspaceState) -> tuple[float, float]:
-        """Return the position (x, y) to which a return leads straight: home, or a landing."""
+        """Return the position (x, y) to which a return leads directly: home or a landing."""
         landing = _return_landing(vehicle, state)
         return landing[0].position[:2] if landing else vehicle.home_m
 
     def of_intent(self, vehicle: Vehicle, state: AirspaceState) -> list[IntendedPart]:
         """Return the space of the rest of a flight, for an operational intent; empty without one.
 
-        The vehicle may hold anywhere on its flight, and return from any place that it may reach.
-        The return is inside the convex hull of these places and home. The landing is inside a disc
-        around home, for approaches on any course. A vehicle on the ground has a flight if a
-        mission with a takeoff was accepted.
+        The vehicle may hold anywhere on its flight, and return from any place that it can reach.
+        The return lies inside the convex hull of these places and home. The landing lies inside a
+        disc around home, so that the approach may have any course. A vehicle on the ground has a
+        flight if a mission with a takeoff was accepted.
         """
         fix, home_amsl_m = vehicle.availability.fix, self._home_altitude_m(vehicle)
         home = (*vehicle.home_m, home_amsl_m)
@@ -189,11 +189,11 @@ class FlightSpace:
     def _entries(
         self, vehicle: Vehicle, fix: PositionFix, target_m: tuple[float, float]
     ) -> list[list[Position]]:
-        """Return the positions of the possible turns towards a target, each from the vehicle.
+        """Return the positions along each possible turn from the vehicle towards a target.
 
-        The vehicle first flies on until the mission is on board. One that holds for the upload, as
-        ArduPilot does, may turn to the right meanwhile. A turn towards a target behind the vehicle
-        may go to either side. Wind widens a turn.
+        The vehicle flies on until the mission is on board. If it holds for the upload, as ArduPilot
+        does, it may turn right meanwhile. It may turn to either side towards a target behind it.
+        Wind widens a turn.
         """
         section = vehicle.section
         if not section.winged:
@@ -221,7 +221,7 @@ def _return_landing(vehicle: Vehicle, state: AirspaceState) -> tuple[MissionPlac
 
 
 def turn_radius_m(vehicle: Vehicle) -> float:
-    """Return the radius of a vehicle's turns over ground in the measured wind; 0 for a copter."""
+    """Return a vehicle's turn radius over ground in the measured wind; 0 for a copter."""
     section, wind = vehicle.section, vehicle.availability.measured_wind
     if not section.winged:
         return 0.0
@@ -230,7 +230,7 @@ def turn_radius_m(vehicle: Vehicle) -> float:
 
 
 def _hold_reach_m(section: VehicleSection) -> float:
-    """Return how far from its place a vehicle may be in a hold."""
+    """Return how far a vehicle may stray from its position in a hold."""
     if not section.winged:
         return COPTER_REACH_M
     return 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m

@@ -1,4 +1,4 @@
-"""Raises the hold of a plane if its circle would come too close to rising ground. Pure."""
+"""Raises a plane's hold if its circle would come too close to rising ground. Pure."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR
@@ -12,11 +12,11 @@ RAISED_HOLD_AGL_M = 40.0  # to this height
 
 
 def raised_hold(command: Hold, vehicle: Vehicle, landscape: Landscape) -> Hold | HoldAt:
-    """Return a hold at the vehicle's position, higher if its circle is too low there.
+    """Return a hold at the vehicle's position, raised if its circle would be too low there.
 
-    A hold that begins at a position reaches up to two radii from it. Multirotors hold in place,
-    and ``backend = "mavsdk"`` cannot hold at another altitude. A hold that is repeated until the
-    autopilot accepts it keeps its place.
+    The circle of a hold extends up to two radii from the position where the hold begins.
+    Multirotors hold in place, and ``backend = "mavsdk"`` cannot hold at another altitude. A hold
+    that is repeated until the autopilot accepts it keeps its position.
     """
     fix, section = vehicle.availability.fix, vehicle.section
     flies = vehicle.availability.airborne and not vehicle.landing_state.active
@@ -43,7 +43,7 @@ def hold_over(place_m: Place, altitude_amsl_m: float, name: str, landscape: Land
 
 
 def circle_ground_m(vehicle: Vehicle, landscape: Landscape) -> float:
-    """Return the highest ground under a circle around the position of a vehicle."""
+    """Return the highest ground within a circle around a vehicle's position."""
     fix = vehicle.availability.fix
     assert fix is not None
     reach_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m

@@ -1,9 +1,9 @@
-"""Lands vehicles at home: one at a time at one field, by a mission or by a return. Pure.
+"""Lands vehicles at home, one at a time per field, by a mission or by a return. Pure.
 
 A plane or a VTOL lands by an uploaded mission that only lands (``missions/landing_mission.py``), a
-multirotor by the autopilot's return. ``vehicles/landing_state.py`` defines the phases. On the last
-leg of a landing the vehicle is not stopped by a hold, which a plane would fly at a few metres: each
-order to stop is a go-around, which ends in a hold at a safe height.
+multirotor by the autopilot's return. ``vehicles/landing_state.py`` defines the phases. On the final
+leg of a landing, a hold does not stop the vehicle, because a plane would fly it at a height of a
+few metres: each order to stop is a go-around, which ends in a hold at a safe height.
 """
 
 import math
@@ -37,17 +37,17 @@ from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 LANDING = "landing"  # kind of the alarm
-FIELD_M = 300.0  # homes within this distance are at the same field
+FIELD_M = 300.0  # homes within this distance share a field
 WIND_IS_FRESH_S = 120.0
 RETRY_S, MAX_FAILURES = 5.0, 3
 HOLD_AGAIN_S, START_AGAIN_S = 3.0, 10.0
-# The last leg begins at the height of the approach; above this limit another item is flown.
+# The final leg begins at approach height; above this limit, another item is being flown.
 FINAL_BELOW_M, LOW_M = 15.0, 15.0
-COPTER_FINAL_M, COPTER_NEAR_M = 15.0, 30.0  # height and distance from home of the last descent
-COPTER_AROUND_M = 30.0  # height above home after a multirotor's go-around
-REACHED_M = 10.0  # the height of a go-around counts as reached this far below it
+COPTER_FINAL_M, COPTER_NEAR_M = 15.0, 30.0  # height, and distance from home, of the final descent
+COPTER_AROUND_M = 30.0  # height above home after a copter's go-around
+REACHED_M = 10.0  # go-around height counts as reached this far below it
 HOME_WITHIN_M = 500.0
-LANDS_BELOW_M = 40.0  # in a return below this height the autopilot is landing
+LANDS_BELOW_M = 40.0  # below this height in a return, the autopilot is landing
 
 
 class Landings:
@@ -113,7 +113,7 @@ class Landings:
         )
 
     def go_around(self, vehicle: Vehicle, why: str, at_s: float) -> list[AnyCommand]:
-        """Break off the last leg of a landing; the vehicle then holds."""
+        """Break off a landing on its final leg; the vehicle then holds."""
         words = announce(vehicle, f"goes around: {why}", warning=True)
         if vehicle.landing_state.landing_phase is LandingPhase.GOING_AROUND:
             return [words]
@@ -135,7 +135,7 @@ class Landings:
         return self.end(vehicle, holds=True)
 
     def end(self, vehicle: Vehicle, holds: bool = False) -> list[AnyCommand]:
-        """End a landing, if there is one, because of an order, a landing or a change of mode."""
+        """End any landing because of an order, a touchdown or a mode change."""
         state = vehicle.landing_state
         commands: list[AnyCommand] = []
         if state.active:
@@ -148,10 +148,10 @@ class Landings:
     # Events -----------------------------------------------------------------------------------
 
     def _lands_after_return(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether a vehicle that returned must land: it was relieved, or has no time left.
+        """Return whether a vehicle that returned must land: it was relieved or has no time left.
 
-        Planes circle above home, ArduPlane until the battery is empty. The other autopilots land.
-        Below ``LANDS_BELOW_M`` a plane still climbs, or its autopilot lands it.
+        Planes circle above home, with ArduPlane until the battery is empty. The other autopilots
+        land. Below ``LANDS_BELOW_M``, a plane is still climbing, or its autopilot is landing it.
         """
         section, availability = vehicle.section, vehicle.availability
         found, relieved = vehicle.energy.estimate, vehicle.lands_after_return
@@ -175,7 +175,7 @@ class Landings:
         return self.land(vehicle, "relieved" if relieved else "no time is left on task", at_s)
 
     def found_flying(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Continue a landing, because the vehicle flies the landing mission on board again."""
+        """Continue a landing because the vehicle is flying the landing mission on board again."""
         accepted, state = vehicle.accepted, vehicle.landing_state
         if (
             accepted is None
@@ -267,7 +267,7 @@ class Landings:
             vehicle.sent_home = True
             self.decision_engine.recall(vehicle.name, fix.at_s)
             blocked = self._airspace.return_obstacle(vehicle, fix)
-            if blocked:  # the airspace guard leads it home
+            if blocked:  # the airspace guard routes it home
                 why = f"landing ended: its energy is needed, and {blocked}"
                 return [
                     announce(vehicle, why, warning=True),
@@ -316,7 +316,7 @@ class Landings:
             assert mission is not None
             near = away_m <= mission.final_m and height_m <= mission.height_m + FINAL_BELOW_M
             low = height_m < mission.height_m - LOW_M
-            # A VTOL begins the item of its landing at the height of the approach.
+            # A VTOL begins its landing item at approach height.
             begun = vehicle.section.kind != "vtol" and state.seq >= mission.final_seq
             final = near and (begun or low)
         return self._enter(vehicle, LandingPhase.FINAL, fix.at_s) if final else []
@@ -361,7 +361,7 @@ class Landings:
         return [shown]
 
     def _first_at_field(self, vehicle: Vehicle) -> str | None:
-        """Return the vehicle for whose landing this vehicle must wait, if any."""
+        """Return the vehicle whose landing this vehicle must wait for, if any."""
         own = vehicle.landing_state
         for other in self.vehicles.values():
             state = other.landing_state
@@ -407,12 +407,12 @@ class Landings:
         return landing_mission(vehicle.section, self.landscape, wind, place, min_at, closed)
 
     def _fly(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission on board, unless the vehicle flies it already."""
+        """Start the mission on board, unless the vehicle is already flying it."""
         vehicle.landing_state.start_again_at_s = at_s + START_AGAIN_S
         return [] if vehicle.mode == MISSION else [Land(vehicle.name)]
 
     def _failed(self, vehicle: Vehicle, why: str, at_us: int) -> list[AnyCommand]:
-        """Send the mission again after a failure; after several failures stop the landing."""
+        """Send the mission again after a failure; after several failures, stop the landing."""
         state, at_s = vehicle.landing_state, at_us / 1e6
         state.failures += 1
         if state.failures >= MAX_FAILURES:
@@ -422,7 +422,7 @@ class Landings:
         return [announce(vehicle, words, warning=True), *self._hold_in_mission(vehicle, None)]
 
     def _stop(self, vehicle: Vehicle, why: str, at_s: float) -> list[AnyCommand]:
-        """Stop a landing before its last leg: the vehicle returns again, or holds."""
+        """Stop a landing before its final leg: the vehicle returns again or holds."""
         returns = vehicle.sent_home
         shown = self._enter(vehicle, LandingPhase.NONE, at_s, holds=not returns)
         alarm = self._raise(vehicle, f"landing ended: {why}")
@@ -439,13 +439,13 @@ class Landings:
         return [announce(vehicle, words, warning=True), alarm]
 
     def _hold_in_mission(self, vehicle: Vehicle, at_s: float | None) -> list[AnyCommand]:
-        """Hold a vehicle that flies its mission; if ``at_s`` is given, again after some time."""
+        """Hold a vehicle that is flying its mission; if ``at_s`` is given, schedule a repeat."""
         if at_s is not None:
             vehicle.landing_state.again_at_s = at_s + HOLD_AGAIN_S
         return [Hold(vehicle.name)] if vehicle.mode == MISSION else []
 
     def _around(self, vehicle: Vehicle) -> GoAround:
-        """Return the go-around: to the place of the landing mission; multirotors climb in place."""
+        """Return the go-around, to the landing mission's position; multirotors climb in place."""
         availability, mission = vehicle.availability, vehicle.landing_state.mission
         fix = availability.fix
         assert fix is not None

@@ -1,7 +1,7 @@
-"""Compares a vehicle's reaction to a lost link with the scenario. Pure.
+"""Compares a vehicle's lost-link reaction with the scenario. Pure.
 
-The service reads and compares parameters, and never changes them: the alarm about a difference
-contains the command that changes them.
+The service reads and compares parameters but never changes them: the alarm about a difference
+contains the command that would.
 """
 
 from autopilot_bridge.errors import BridgeError
@@ -34,7 +34,7 @@ def reaction_compared(vehicle: Vehicle, event: ParametersReported) -> list[AnyCo
     """Announce the reaction, and raise or clear the alarm about it.
 
     The alarm is raised if the reaction differs from the vehicle's key ``lost_link``, if a parameter
-    has an undefined or dangerous value, or if the reaction is unknown although the key is given.
+    has an undefined or dangerous value, or if the key is given but the reaction is unknown.
     """
     loss, wanted = reaction_of(event), vehicle.section.lost_link
     vehicle.lost_link_problem = ""
@@ -63,13 +63,13 @@ def _alarm(vehicle: Vehicle, words: str, severe: bool = False) -> RaiseAlarm:
 
 
 def _limits(loss: LinkLoss) -> str:
-    """Return the height of a return and the reaction to a breached fence, in words."""
+    """Return the return height and the fence-breach reaction in words."""
     height = "" if loss.return_height_m is None else f"; return height {loss.return_height_m:g} m"
     return f"{height}; fence: {loss.fence}"
 
 
 def _remedy(vehicle: Vehicle, event: ParametersReported) -> str:
-    """Return the command that leads to the reaction of the scenario, or why there is none."""
+    """Return the command that sets the scenario's reaction, or why there is none."""
     section, wanted = vehicle.section, vehicle.section.lost_link
     assert wanted is not None
     stack = stack_named(*event.stack.split())

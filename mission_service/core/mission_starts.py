@@ -34,9 +34,9 @@ class MissionStarts:
         return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
 
     def start_mission(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission. A takeoff requires separation and the pre-flight checks.
+        """Start the mission. A takeoff is subject to separation and the pre-flight checks.
 
-        After a landing a takeoff also requires an order.
+        After a landing, a takeoff also requires an order.
         """
         vehicle.start_again_at_s = None
         if vehicle.availability.taken_over:
@@ -57,8 +57,8 @@ class MissionStarts:
     def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
         """Return whether a vehicle on the ground may take off now.
 
-        Vehicles of other processes report no position during their takeoff, so each vehicle has a
-        different earliest takeoff time.
+        The vehicles of other processes report no positions during takeoff, so each vehicle has its
+        own earliest takeoff time.
         """
         if self.scenario.only is not None:
             number = [section.name for section in self.scenario.vehicles].index(vehicle.name)
@@ -69,8 +69,8 @@ class MissionStarts:
     def may_repeat(self, vehicle: Vehicle) -> bool:
         """Return whether to repeat a start that the autopilot has refused.
 
-        On the ground a start is repeated, because autopilots refuse to arm until they have a
-        position. In the air a start is repeated only for a vehicle that flies by its mission.
+        On the ground, a start is repeated because autopilots refuse to arm until they have a
+        position. In the air, it is repeated only for a vehicle that is flown by its mission.
         """
         availability = vehicle.availability
         if availability.taken_over or availability.recalled or vehicle.ordered:
@@ -78,7 +78,7 @@ class MissionStarts:
         return self.guidance.in_mission(vehicle.name) or not availability.airborne
 
     def was_announced(self, vehicle: Vehicle, event: events.CommandFinished) -> bool:
-        """Return whether a start in flight was announced before and nothing has ended it since."""
+        """Return whether a start in flight was announced earlier and nothing has ended it since."""
         announced = vehicle.start_confirmed and vehicle.availability.airborne
         if event.command in ("start mission", "hold", "return"):
             vehicle.start_confirmed = event.command == "start mission"

@@ -1,4 +1,4 @@
-"""Converts operators' orders to commands, for vehicles along a front or in formation. Pure."""
+"""Converts operators' orders to commands for vehicles along a front or in formation. Pure."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,9 +26,9 @@ from mission_service.vehicles.endurance import time_up_words
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 HOLD_AGAIN_S = 3.0
-UNANSWERED_S = 30.0  # longer than the bridge's repetitions of a hold
+UNANSWERED_S = 30.0  # longer than the bridge keeps repeating a hold
 START_AFTER_S = 2.0
-# PX4's plane sank by 10 to 12 m in its simulator when it was ordered to hold in its takeoff.
+# In simulation, PX4's plane lost 10 to 12 m of height when ordered to hold during takeoff.
 CLIMB_FIRST_M = 30.0
 
 Start = Callable[[Vehicle, float], list[AnyCommand]]
@@ -84,7 +84,7 @@ class OperatorOrders:
         return [command for each in named for command in order(self.vehicles[each])]
 
     def _ordered(self, vehicle: Vehicle, event: events.OrderGiven) -> list[AnyCommand]:
-        """Execute an order, or ask for confirmation if it would end a mode that was not ordered."""
+        """Execute an order, or request confirmation if it would end a mode that was not ordered."""
         obstacle = self._obstacle(vehicle, event)
         if obstacle:
             words = f"{REJECTED} {vehicle.name}: {obstacle}"
@@ -116,12 +116,12 @@ class OperatorOrders:
         return _question(vehicle, f"{event.order} would end {chosen}")
 
     def _time_up(self, vehicle: Vehicle, event: events.OrderGiven) -> str:
-        """Return why an order to fly needs a confirmation: the energy left; "" if it needs none."""
+        """Return why low energy makes an order to fly need confirmation; "" if it does not."""
         flies = event.order in ("start", "resume") and vehicle.availability.airborne
         return time_up_words(vehicle, event.at_us / 1e6) if flies else ""
 
     def _obstacle(self, vehicle: Vehicle, event: events.OrderGiven) -> str:
-        """Return why an order cannot be executed, even if confirmed; "" without an obstacle."""
+        """Return why an order cannot be executed even if confirmed; "" without an obstacle."""
         availability, on_board = vehicle.availability, self._resumes_mission
         order = event.order
         if refusal := availability.refuses(order):
@@ -139,7 +139,7 @@ class OperatorOrders:
         return ""
 
     def _abort(self, vehicle: Vehicle, event: events.Aborted) -> list[AnyCommand]:
-        """Order a hold, which begins after any mode that the autopilot or pilot has selected."""
+        """Order a hold; it begins once any mode selected by the autopilot or pilot has ended."""
         at_s, mode = event.at_us / 1e6, named_mode(vehicle.availability.mode)
         vehicle.hold_at = None
         self._airspace.end_evasion(vehicle.name)
@@ -174,7 +174,7 @@ class OperatorOrders:
                 vehicle.sent_home = True
                 if availability.airborne and availability.online:
                     return [announce(vehicle, words), Return(vehicle.name)]
-                # A vehicle on the ground also needs a hold: an earlier order to start may still
+                # A vehicle on the ground also needs a hold, as an earlier order to start may still
                 # take effect.
                 vehicle.return_again_at_s = at_s
                 if availability.airborne:
@@ -199,7 +199,7 @@ class OperatorOrders:
                 return [announce(vehicle, f"{words} by {by}"), *self._start(vehicle, at_s)]
 
     def _hold(self, vehicle: Vehicle, by: str, at_s: float, why: str) -> list[AnyCommand]:
-        """Hold until another order; the hold is repeated until the autopilot accepts it."""
+        """Hold until the next order; the hold is repeated until the autopilot accepts it."""
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s + HOLD_AGAIN_S
         vehicle.end_intentions()
         self._cancel_return(vehicle)
@@ -216,7 +216,7 @@ class OperatorOrders:
         return [words, *ended, _hold_of(vehicle)]
 
     def _goes_around(self, vehicle: Vehicle) -> bool:
-        """Return whether an order to hold breaks off a landing; not after the touch-down."""
+        """Return whether an order to hold breaks off a landing; not after touchdown."""
         return self._landings.must_go_around(vehicle) and not vehicle.availability.touched_down
 
     def _cancel_return(self, vehicle: Vehicle) -> None:
@@ -239,7 +239,7 @@ class OperatorOrders:
                 return [announce(vehicle, f"resumed by {by}: executed when it has a mission")]
             # The mission ends at the fire's edge; from there the formation controls the vehicle.
             return [announce(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
-        if vehicle.availability.airborne:  # resumed by a new mission, because the front has moved
+        if vehicle.availability.airborne:  # resumed with a new mission, because the front has moved
             vehicle.holding, vehicle.flown_line = True, None
         elif vehicle.started:
             vehicle.flown_line = None
@@ -290,7 +290,7 @@ class OperatorOrders:
 
 
 def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Repeat a hold that was not accepted, but not before the answer to the previous command."""
+    """Repeat a hold that was not accepted, once the previous command has been answered."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
     since_s = vehicle.hold_under_way_s
@@ -303,7 +303,7 @@ def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
 
 
 def _climb_first_s(vehicle: Vehicle) -> float:
-    """Return how long a plane in its takeoff item climbs before it holds, in seconds; else 0."""
+    """Return how many seconds a plane in its takeoff item climbs before it holds; otherwise 0."""
     availability, section = vehicle.availability, vehicle.section
     takes_off = section.kind == "plane" and availability.mode == MISSION and availability.armed
     takes_off &= vehicle.takes_off and not availability.on_ground
@@ -312,18 +312,18 @@ def _climb_first_s(vehicle: Vehicle) -> float:
 
 
 def _is_on_ground(vehicle: Vehicle) -> bool:
-    """Return whether no hold is sent: the vehicle is disarmed on the ground, or has landed."""
+    """Return whether a vehicle needs no hold: it is disarmed on the ground or has landed."""
     availability = vehicle.availability
     return availability.touched_down or not (availability.airborne or availability.armed)
 
 
 def _takes_off(vehicle: Vehicle, order: events.Order) -> bool:
-    """Return whether an order leads to a takeoff, and is therefore a sign-off of the checks."""
+    """Return whether an order leads to a takeoff, and therefore signs off the checks."""
     return order in ("start", "resume", "takeoff") and not vehicle.availability.airborne
 
 
 def _takeoff_begun(vehicle: Vehicle) -> str:
-    """Return why a takeoff cannot be ordered, because it has begun; "" if it has not."""
+    """Return the refusal of a takeoff that has already begun; "" if it has not begun."""
     availability, signed_off = vehicle.availability, vehicle.signed_off
     if availability.airborne:
         return "it is in the air: order resume, or start"
@@ -335,12 +335,12 @@ def _takeoff_begun(vehicle: Vehicle) -> str:
 
 
 def _question(vehicle: Vehicle, why: str) -> list[AnyCommand]:
-    """Return the reply to an order that needs a confirmation."""
+    """Return the reply to an order that needs confirmation."""
     question = f"{CONFIRM} {vehicle.name}: {why}"
     words = f"{question}; repeat the order with confirmation to execute it"
     return [announce(vehicle, words, warning=True)]
 
 
 def _hold_of(vehicle: Vehicle) -> Hold | HoldAt:
-    """Return the command of the hold that is ordered."""
+    """Return the command for the ordered hold."""
     return Hold(vehicle.name) if vehicle.hold_at is None else HoldAt(vehicle.name, *vehicle.hold_at)

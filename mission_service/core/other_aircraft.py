@@ -1,9 +1,10 @@
-"""Raises alerts about other aircraft, and gives the service's orders to resolve conflicts. Pure.
+"""Raises alerts about other aircraft, and gives orders that resolve conflicts. Pure.
 
-An order of the service takes the same path as an operator's order (``OrderByService``): it is never
-given to a vehicle in a failsafe, in a mode that its pilot selected, on its way home or under an
-operator's order, and it is in force until an operator's order. There is one order for each conflict
-with an aircraft, so that the service does not override an operator who has resumed the vehicle.
+An order by the service takes the same path as an operator's order (``OrderByService``). It is never
+given to a vehicle that is in a failsafe, in a mode selected by its pilot, on its way home or under
+an operator's order, and it remains in force until an operator's order. Only one order is given for
+each conflict with an aircraft, so that the service does not override an operator who has resumed
+the vehicle.
 """
 
 import math
@@ -37,31 +38,31 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 ALARM = "aircraft"
 LAST_LEG = (LandingPhase.FINAL, LandingPhase.GOING_AROUND)
-LOW_M = 20.0  # below this height above ground a vehicle takes off or lands: no order is given
-AGAIN_US = 5_000_000  # an order that the journal lost in a crash is given again after this time
+LOW_M = 20.0  # below this height above ground, a vehicle takes off or lands: no order is given
+AGAIN_US = 5_000_000  # an order lost from the journal in a crash is given again after this time
 MIN_DESCENT_M = 10.0  # a smaller descent is a hold
 UNDER_M = 1000.0  # a vehicle within this horizontal distance is under another vehicle
 AROUND = 2.0  # loiter radii around the hold in which the terrain is considered
 # A near mid-air collision: 500 ft and 100 ft (RTCA DO-365).
 NEAR_COLLISION = WellClearVolume(500.0 * M_PER_FT, 100.0 * M_PER_FT)
-# The default descents of copters of both stacks, and that of a fast plane.
+# The default descent limits of copters with either stack, and those of a fast plane.
 DESCENTS = (VerticalLimits(1.5, 1.0), VerticalLimits(4.0, 2.0))  # m/s and m/s^2
 
 
 @dataclass
 class _Surroundings:
-    """The state about one vehicle: its motion, and the aircraft near it."""
+    """The state for one vehicle: its motion, and the aircraft near it."""
 
     own: events.Telemetry | None = None
-    reported: tuple[events.AircraftState, ...] = ()  # the aircraft in the last report
+    reported: tuple[events.AircraftState, ...] = ()  # aircraft in the last report
     climb_m_s: float = 0.0
     landing_items: frozenset[int] = frozenset()  # indices of landings in the mission on board
-    sent: dict[int, frozenset[int]] = field(default_factory=dict)  # the same, by mission being sent
+    sent: dict[int, frozenset[int]] = field(default_factory=dict)  # likewise, by mission being sent
     landing: bool = False  # as EXTENDED_SYS_STATE reports
     histories: dict[str, AlertHistory] = field(default_factory=dict)
     alarm: tuple[str, int] | None = None  # aircraft and level of the alarm
-    resolved: set[str] = field(default_factory=set)  # aircraft about which an order was given
-    ordered_us: int | None = None  # time of the last order of the service
+    resolved: set[str] = field(default_factory=set)  # aircraft for which an order was given
+    ordered_us: int | None = None  # time of the service's last order
 
 
 class OtherAircraft:
@@ -73,7 +74,7 @@ class OtherAircraft:
         self._section = section
         self._landscape = landscape
         self._separation_m = scenario.mission.separation_m
-        # Vehicles that descend keep their order of heights, and their vertical separation.
+        # Descending vehicles keep their order in height and their vertical separation.
         ranked = sorted(scenario.vehicles, key=lambda each: each.altitude_agl_m)
         self._layer_m = {
             each.name: rank * scenario.mission.separation_m for rank, each in enumerate(ranked)
@@ -137,9 +138,9 @@ class OtherAircraft:
     def reported(
         self, vehicle: Vehicle, event: events.AircraftReported, led_home: bool
     ) -> list[AnyCommand]:
-        """Return the changed alerts, the vehicle's alarm, and an order if one is due.
+        """Return changed alerts, the vehicle's alarm and, if one is due, an order.
 
-        ``led_home`` is whether the service leads home a vehicle that was sent home.
+        ``led_home`` states whether the vehicle was sent home and the service controls its way.
         """
         near = self._of(vehicle.name)
         near.reported = event.aircraft
@@ -198,7 +199,7 @@ class OtherAircraft:
     def _resolve(
         self, vehicle: Vehicle, near: _Surroundings, levels: Mapping[str, int], at_us: int
     ) -> list[AnyCommand]:
-        """Return the order of the service at a corrective alert, if it may be given."""
+        """Return the service's order for a corrective alert, if it may be given."""
         new = [key for key, level in levels.items() if level >= CORRECTIVE]
         new = [key for key in new if key not in near.resolved]
         if self._section.resolution == "none" or not new or near.own is None:
@@ -223,10 +224,10 @@ class OtherAircraft:
         return [OrderByService(vehicle.name, "hold", lower)]
 
     def _descent_is_worse(self, near: _Surroundings, altitude_amsl_m: float, at_us: int) -> bool:
-        """Return whether a lower hold conflicts with other aircraft more than a hold here.
+        """Return whether a lower hold conflicts more with other aircraft than a hold here.
 
-        Near collisions count first, then losses of well clear. The vehicle is assumed to stay at
-        one place, and the conflicts are counted with each rate of ``DESCENTS``.
+        Near collisions are compared first, then losses of well clear. The vehicle is assumed to
+        stay in place, and conflicts are counted for each of the ``DESCENTS``.
         """
         own, alerts = near.own, ALERT_SETS[self._section.alerts]
         assert own is not None
@@ -255,7 +256,7 @@ class OtherAircraft:
         return all(conflicts(descent_m, each) > conflicts(0.0, each) for each in DESCENTS)
 
     def _lands(self, vehicle: Vehicle, near: _Surroundings) -> bool:
-        """Return whether a vehicle is near the ground or on the last leg of a landing."""
+        """Return whether a vehicle is near the ground or on the final leg of a landing."""
         in_mission = vehicle.availability.mode == MISSION
         last_leg = in_mission and vehicle.current_seq in near.landing_items
         assert near.own is not None
@@ -263,17 +264,17 @@ class OtherAircraft:
         return near.landing or last_leg or self._height_m(near.own) < LOW_M
 
     def _height_m(self, own: events.Telemetry) -> float:
-        """Return the height above ground, or above home outside the landscape."""
+        """Return the height above ground, or outside the landscape the height above home."""
         place_m = self._landscape.xy_of_lat_lon(own.lat_deg, own.lon_deg)
         if self._landscape.elevation_m is None or not self._landscape.contains(*place_m):
             return own.altitude_relative_m
         return own.altitude_amsl_m - float(self._landscape.elevation_at(*place_m))
 
     def _lower(self, vehicle: Vehicle, own: events.Telemetry) -> tuple[float, float, float] | None:
-        """Return the position of a lower hold; None for a hold at the present altitude.
+        """Return the position of a lower hold; None for a hold at the current altitude.
 
         The height ``descend_to_agl_m`` is above the highest terrain around the position. A vehicle
-        of a higher layer stays above those of lower layers, and above a vehicle that is under it.
+        in a higher layer stays above those in lower layers, and above any vehicle below it.
         """
         ground_m = own.altitude_amsl_m - own.altitude_relative_m
         x_m, y_m = self._landscape.xy_of_lat_lon(own.lat_deg, own.lon_deg)
@@ -285,7 +286,7 @@ class OtherAircraft:
                 for x, y in zip(east_m.flat, north_m.flat, strict=True)
             ]
             if not all(inside):
-                return None  # the terrain is not known
+                return None  # the terrain is unknown
             ground_m = float(np.max(self._landscape.elevation_at(east_m, north_m)))
         height_m = self._section.descend_to_agl_m + self._layer_m[vehicle.name]
         altitude_m = round(max(ground_m + height_m, self._above_others_m(own)), 1)
@@ -294,7 +295,7 @@ class OtherAircraft:
         return own.lat_deg, own.lon_deg, altitude_m
 
     def _above_others_m(self, own: events.Telemetry) -> float:
-        """Return the lowest altitude above the vehicles of the run that are under a vehicle."""
+        """Return the lowest altitude that keeps a vehicle clear of the run's vehicles below it."""
         floor_m = -math.inf
         for name, near in sorted(self._around.items()):
             other = near.own
@@ -311,7 +312,7 @@ def _corrective(history: AlertHistory) -> bool:
 
 
 def _encounter(near: _Surroundings, other: events.AircraftState, at_us: int) -> Encounter:
-    """Return the encounter; the vehicle's position is extrapolated to the mission time."""
+    """Return the encounter; the vehicle's position is extrapolated to the given time."""
     own = near.own
     assert own is not None
     later_s = max(at_us - own.at_us, 0) / 1e6

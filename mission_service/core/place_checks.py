@@ -1,4 +1,4 @@
-"""Checks orbits, climbs and holds at a place against closed airspace. Pure."""
+"""Checks orbits, climbs and holds at given places against closed airspace. Pure."""
 
 import math
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ class PlaceChecks:
     def checked(
         self, vehicle: Vehicle, command: Orbit | ClimbAndHold | HoldAt, airspace: Airspace
     ) -> list[AnyCommand]:
-        """Return the command, or a free one in its place; an orbit that is not free is not sent."""
+        """Return the command or a free one in its place; an orbit that is not free is not sent."""
         fix, state = vehicle.availability.fix, self._states[vehicle.name]
         if fix is None:
             return [command]
@@ -56,7 +56,7 @@ class PlaceChecks:
                 return [self._raised_hold(vehicle, fix, command, place, airspace)]
             return self._freed_hold(vehicle, fix, command, airspace, conflict)
         state.orbit = place
-        return [command]  # a climb away from the flames is more urgent
+        return [command]  # a climb away from flames takes priority
 
     def _raised_hold(
         self,
@@ -66,11 +66,11 @@ class PlaceChecks:
         place: Part,
         airspace: Airspace,
     ) -> HoldAt:
-        """Return a hold that is raised because of the ground, in place of one that is not free.
+        """Return a hold that is raised because of the ground, to replace one that is not free.
 
-        The first of these that is free: 40 m above the ground under its circle, instead of the
-        ground within twice its reach; in the vertical margin of a volume above; at the nearest free
-        place over ground that is not higher.
+        The result is the first of these that is free: 40 m above the ground under its circle,
+        rather than the ground within twice its reach; in the vertical margin of a volume above; at
+        the nearest free place over ground that is not higher.
         """
         low_m = circle_ground_m(vehicle, self._landscape) + RAISED_HOLD_AGL_M
         low_m = round(max(min(low_m, command.altitude_amsl_m), fix.altitude_m), 1)
@@ -89,7 +89,7 @@ class PlaceChecks:
     def _below_volumes(
         self, command: HoldAt, place: Part, airspace: Airspace, fix: PositionFix
     ) -> HoldAt:
-        """Return a hold raised above the ground, if necessary in a volume's vertical margin."""
+        """Return a hold raised above the ground, in a volume's vertical margin if necessary."""
         floors_m = [
             volume.floor_m
             for volume in airspace.volumes
@@ -120,7 +120,7 @@ class PlaceChecks:
         return [*raised(vehicle, self._states[vehicle.name], words, "severe"), free]
 
     def _held_at(self, vehicle: Vehicle, command: HoldAt) -> HoldAt:
-        """Record the place of a hold that replaces an ordered one, and return the hold."""
+        """Record the place of a hold that replaces an ordered one, and return this hold."""
         vehicle.hold_at = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
         self._states[vehicle.name].orbit = self._space.of_hold_at(vehicle, command)
         return command

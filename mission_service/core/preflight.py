@@ -1,9 +1,9 @@
-"""Decides by the pre-flight checks whether a vehicle on the ground may start, and reports them.
+"""Decides from the pre-flight checks whether a vehicle may take off, and reports the checks.
 
 A person's order to start a vehicle on the ground is a sign-off of its checks. The sign-off ends
-when a check fails that the person has not overridden, when the vehicle is held, ordered home,
-disarmed or restarted, and when the service is restarted. The vehicle then waits for another order.
-Burns have no sign-off: their checklist and the approval of a plan take its place.
+when a check fails that the person has not overridden, when the vehicle is held, ordered home or
+disarmed, and when its autopilot or the service is restarted. The vehicle then waits for another
+order. Burns have no sign-off: their checklist and the approval of the plan take its place.
 """
 
 from firemodel.landscape.landscape import Landscape
@@ -34,7 +34,7 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 PREFLIGHT = "preflight"
 EVERY_S, REPORT_EVERY_S = 1.0, 10.0
-# The events after which the checks are computed at once.
+# The events that cause an immediate computation of the checks.
 CHANGES = (
     events.VehicleConnected,
     events.LinkLost,
@@ -181,7 +181,7 @@ class Preflight:
 
 
 def _reported(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Report the checks when a result has changed, and changed figures every few seconds."""
+    """Report the checks when a result changes, and changed figures every few seconds."""
     state = vehicle.preflight
     signed_off_by = "" if vehicle.signed_off is None else vehicle.signed_off.by
     waits = vehicle.waits_for_operator and not vehicle.availability.airborne

@@ -1,4 +1,4 @@
-"""States which vehicle may fly a task next, and reports roles and lapses of the task. Pure."""
+"""Determines which vehicle may fly a task next, and reports the task's roles and lapses. Pure."""
 
 from collections.abc import Mapping
 
@@ -38,7 +38,7 @@ def takeoff_obstacle(vehicle: Vehicle, at_s: float) -> str:
 
 
 def next_vehicle(task: ReliefTask, vehicles: Vehicles, at_s: float) -> str | None:
-    """Return the vehicle that flies next, or None if none may take off."""
+    """Return the vehicle that flies the task next, or None if none may take off."""
     return task.next_of(
         [name for name, each in vehicles.items() if not takeoff_obstacle(each, at_s)]
     )
@@ -47,9 +47,9 @@ def next_vehicle(task: ReliefTask, vehicles: Vehicles, at_s: float) -> str | Non
 def lapse_alarm(
     task: ReliefTask, vehicles: Vehicles, needs_next: bool, at_s: float
 ) -> Alarm | None:
-    """Return the alarm about a task that lapses now or soon, or None.
+    """Return the alarm about a task that lapses now or will lapse soon, or None.
 
-    ``needs_next`` is whether the next vehicle should take off soon.
+    ``needs_next`` states whether the next vehicle should take off soon.
     """
     if task.place is None:
         return None
@@ -76,7 +76,7 @@ def _why_none(task: ReliefTask, vehicles: Vehicles, at_s: float) -> str:
 
 
 def changed_alarm(task: ReliefTask, alarm: Alarm | None, vehicles: Vehicles) -> list[AnyCommand]:
-    """Record an alarm; return the commands that raise it, or clear the one before."""
+    """Record an alarm; return the commands that raise it or clear the previous one."""
     if alarm == task.alarm:
         return []
     before, task.alarm = task.alarm, alarm
@@ -93,7 +93,7 @@ def changed_alarm(task: ReliefTask, alarm: Alarm | None, vehicles: Vehicles) -> 
 def changed_roles(
     task: ReliefTask, vehicles: Vehicles, standing_signoff: bool, at_s: float
 ) -> list[AnyCommand]:
-    """Return the commands that show the roles that have changed, and record them."""
+    """Record the roles that have changed, and return the commands that show them."""
     commands: list[AnyCommand] = []
     planned = next_vehicle(task, vehicles, at_s)
     for name, member in task.members.items():

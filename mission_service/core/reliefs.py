@@ -1,14 +1,14 @@
-"""Lets vehicles fly one task in turn: the next one takes off in time and resumes the task.
+"""Lets vehicles take turns at one task: the next one takes off in time and resumes the task.
 
-``relief/task_relief.py`` defines the roles. The present vehicle must leave when its energy is
+``relief/task_relief.py`` defines the roles. The vehicle on task must leave when its energy is
 needed for the flight home (``EnergyWatch``). The next vehicle takes off so that it arrives
-``overlap_s`` before this time, and flies to the present vehicle, which then flies home. The next
-vehicle flies on to the place where the task was left, and takes over the planner with its map
+``overlap_s`` before this time, and flies to the vehicle on task, which then flies home. The next
+vehicle continues to the place where the task was left, and takes over the planner and its map
 there. A vehicle that is lost, taken over or ordered home leaves the task at once or after
 ``UNFIT_S``.
 
-No vehicle takes off while ``Vehicle.waits_for_operator``: this attribute represents the missing
-sign-off.
+No vehicle takes off while ``Vehicle.waits_for_operator`` is set, which means that the sign-off is
+missing.
 """
 
 import math
@@ -38,16 +38,16 @@ from mission_service.vehicles.way_home import Vector
 
 EVERY_S = 1.0
 TAKEOFF_S = 45.0  # upload, arming and takeoff before the flight to the task
-MAX_TAKEOFF_S = 180.0  # a vehicle that is not in the air after this time stays on the ground
+MAX_TAKEOFF_S = 180.0  # a vehicle not airborne after this time stays on the ground
 UNFIT_S = 30.0  # time without link or control after which a vehicle leaves the task
-NOTICE_S = 180.0  # before a takeoff is due, an alarm is raised if no vehicle may take off
-MEETING_M = 300.0  # horizontal distance at which the present vehicle leaves
-RUN_IN_M = 200.0  # the course leads to the place of the task over this distance
+NOTICE_S = 180.0  # before a due takeoff, an alarm is raised if no vehicle may take off
+MEETING_M = 300.0  # horizontal distance at which the vehicle on task leaves
+RUN_IN_M = 200.0  # length of the straight run-in to the place of the task
 RESUMED_M, OVER_PLACE_M = 50.0, 20.0
-RESUME_LIMIT_S = 300.0  # if something prevents the flight over the place
-MOVED_M, MOVED_SHARE = 100.0, 0.15  # a meeting point that moves less is not sent again
+RESUME_LIMIT_S = 300.0  # if something keeps the vehicle from flying over the place
+MOVED_M, MOVED_SHARE = 100.0, 0.15  # a meeting point that has moved less is not sent again
 FULL_PCT = 90.0
-LEFT_ENOUGH_S = 300.0  # time on task for which a vehicle that was lost resumes
+LEFT_ENOUGH_S = 300.0  # time on task with which a vehicle that was lost resumes
 HELD_DOWN = ("return", "land", "hold")
 AIRBORNE_ROLES = (TaskRole.RELIEVES, TaskRole.RESUMES, TaskRole.ON_TASK)
 
@@ -78,7 +78,7 @@ class Reliefs:
     # Events -----------------------------------------------------------------------------------
 
     def record_request(self, event: events.AnyOperatorEvent) -> None:
-        """Record orders that keep vehicles on the ground, and a restart of the service."""
+        """Record orders that keep vehicles on the ground, and service restarts."""
         if isinstance(event, events.Aborted):
             self._ordered_down |= set(self._vehicles)
         elif isinstance(event, events.OrderGiven) and event.by != events.SERVICE:
@@ -99,16 +99,16 @@ class Reliefs:
                 member.unfit_since_s = member.shown = None
 
     def stays_on_ground(self, vehicle: Vehicle) -> bool:
-        """Return whether a vehicle on the ground is not started, because its takeoff is not due.
+        """Return whether a vehicle stays on the ground because its takeoff is not yet due.
 
-        A vehicle that has landed has the role LEAVES until its next position.
+        A vehicle that has landed has the role LEAVES until its next position report.
         """
         member = self.task.members.get(vehicle.name)
         on_ground = not vehicle.availability.airborne
         return on_ground and member is not None and member.role not in AIRBORNE_ROLES
 
     def moved(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Advance the roles at a vehicle's new position; the vehicles follow at their own."""
+        """Advance the roles at a vehicle's position report; each vehicle acts at its own report."""
         member = self.task.members.get(vehicle.name)
         if member is None:
             return []
@@ -128,7 +128,7 @@ class Reliefs:
         return [*commands, *changed_roles(self.task, self._vehicles, standing, at_s)]
 
     def _record_place(self, vehicle: Vehicle) -> None:
-        """Record the place of the task while the vehicle follows its planner."""
+        """Record the place of the task while the vehicle is following its planner."""
         fix, availability = vehicle.availability.fix, vehicle.availability
         serves = availability.flies and not vehicle.ordered and not vehicle.going_home
         if fix is None or not serves or not self._guidance.task_begun(vehicle.name):
@@ -141,7 +141,7 @@ class Reliefs:
     # Roles of each vehicle --------------------------------------------------------------------
 
     def _watched(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Change the role of a vehicle that has landed, leaves, or does not take off."""
+        """Change the role of a vehicle that has landed, is leaving or does not take off."""
         availability = vehicle.availability
         on_ground = not (availability.airborne or availability.armed)
         match member.role:
@@ -191,9 +191,9 @@ class Reliefs:
         return []
 
     def _regained(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Let a vehicle that flies again resume the task, or fly home if another vehicle flies it.
+        """Let a vehicle that flies again resume the task, or fly home if another one has the task.
 
-        A vehicle that an operator ordered to fly is not sent home before its energy requires it.
+        A vehicle that an operator ordered to fly is not sent home until its energy requires this.
         """
         found = vehicle.energy.estimate
         free = self.task.one_with(*AIRBORNE_ROLES) is None
@@ -207,7 +207,7 @@ class Reliefs:
         return []
 
     def _takes_off(self, member: TaskVehicle, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """End a takeoff that needs a sign-off again, or takes too long."""
+        """End a takeoff that needs a new sign-off or takes too long."""
         late = at_s - member.since_s > MAX_TAKEOFF_S
         if not late and not vehicle.waits_for_operator:
             return []
@@ -220,7 +220,7 @@ class Reliefs:
     def _signed_off_by_scenario(
         self, member: TaskVehicle, vehicle: Vehicle, at_s: float
     ) -> list[AnyCommand]:
-        """Permit the next takeoff of a vehicle with a full battery, by the standing sign-off."""
+        """Permit the next takeoff of a vehicle with a full battery, under the standing sign-off."""
         vehicle.battery.settle(at_s)
         charge_pct, availability = vehicle.battery.level_pct(at_s), vehicle.availability
         full = availability.online and charge_pct is not None and charge_pct >= FULL_PCT
@@ -242,7 +242,7 @@ class Reliefs:
     # The task ---------------------------------------------------------------------------------
 
     def _advance(self, at_s: float) -> list[AnyCommand]:
-        """Send the next vehicle to the task, and let the present one leave."""
+        """Send the next vehicle to the task, and let the one on task leave."""
         task = self.task
         present = task.one_with(TaskRole.ON_TASK)
         relief = task.one_with(TaskRole.RELIEVES, TaskRole.RESUMES)
@@ -283,7 +283,7 @@ class Reliefs:
         return [announce(vehicle, "takes off for the task")]
 
     def _approach(self, relief: TaskVehicle, present: TaskVehicle, at_s: float) -> list[AnyCommand]:
-        """Lead the next vehicle to the present one, which leaves when they have met."""
+        """Fly the next vehicle to the one on task, which leaves when they have met."""
         vehicle, other = self._vehicles[relief.name], self._vehicles[present.name]
         fix, other_fix = vehicle.availability.fix, other.availability.fix
         if fix is None or other_fix is None or not vehicle.availability.flies:
@@ -333,7 +333,7 @@ class Reliefs:
     # Places and times -------------------------------------------------------------------------
 
     def _meeting(self, vehicle: Vehicle, present: Vehicle) -> NDArray[np.float64]:
-        """Return the meeting point (1, 2); if it is near the last one sent, return that one."""
+        """Return the meeting point (1, 2), or the one last sent if this is near."""
         fix, other_fix = vehicle.availability.fix, present.availability.fix
         assert fix is not None
         assert other_fix is not None
@@ -371,13 +371,13 @@ class Reliefs:
         return found.time_on_task_s - TAKEOFF_S - out_s - self._section.overlap_s
 
     def _flight_s(self, name: str, task_m: Vector, wind_m_s: Vector) -> float:
-        """Return the seconds of a flight to a place; infinity if the wind prevents it."""
+        """Return the duration (s) of a flight to a place; infinity if the wind prevents it."""
         vehicle = self._vehicles[name]
         where = (self._landscape, vehicle.home_m, task_m)
         return time_to_task_s(vehicle.section, *where, wind_m_s)
 
     def _needs_next(self, at_s: float) -> bool:
-        """Return whether a next vehicle should take off soon."""
+        """Return whether the next vehicle should take off soon."""
         present = self.task.one_with(TaskRole.ON_TASK)
         if present is None:
             return True

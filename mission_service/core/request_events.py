@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from mission_service.config.scenario import Scenario
 
 ELSEWHERE = "mqtt"  # as in "mqtt:west": MQTT users have no station and never count as present
-MAX_KEYS_SHOWN = 5  # of active alarms, in the answer to an unknown key
+MAX_KEYS_SHOWN = 5  # of active alarms, in the answer to a request with an unknown key
 STATUS = "status"  # a query for the state, without an event
 ABORT, REPLAY = name_of(Abort), name_of(Replay)
 
@@ -41,18 +41,18 @@ def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
 
 
 REQUESTS = _table(*OF_EVERY_RUN, *(kind for way in WAYS for kind in way.requests))
-# All requests, including the request ``replay``, which makes no event.
+# All requests, including ``replay``, which causes no event.
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
 def accepted_in(scenario: "Scenario") -> dict[str, type[Request]]:
-    """Return the requests that a run of this scenario accepts."""
+    """Return the requests accepted in a run of this scenario."""
     return _table(*OF_EVERY_RUN, *way_of(scenario).requests)
 
 
 @dataclass(frozen=True)
 class RequestScope:
-    """The requests that a run accepts, and the names that they may contain.
+    """The requests accepted in a run, and the names that they may contain.
 
     Attributes:
         stations: The stations from which requests are accepted; empty: any.
@@ -81,14 +81,14 @@ def event_of(
     may_approve: bool | None = None,
     role: str = "",
 ) -> AnyOperatorEvent:
-    """Return the event of a request.
+    """Return the event that a request causes.
 
     Args:
         request: The request as parsed from JSON.
         at_us: Mission time.
         scope: The scope against which the request is checked.
         may_approve: Whether the user has the role approve. None for an interface that does not
-            check users: the role is then assumed for the requests that need it.
+            check users: the role is then assumed for requests that need it.
         role: The highest role of the user, which observations contain; empty if users are not
             checked.
 
@@ -173,8 +173,8 @@ def _places(request: Request) -> tuple[tuple[float, float], ...]:
         return ((lat_deg, lon_deg),)
     points: tuple[tuple[float, float], ...] = getattr(request, "points", ())
     if points:
-        # The line goes around the corners twice: half of its length includes the side from the last
-        # to the first corner.
+        # The line runs around the corners twice, so that half its length includes the side from the
+        # last corner to the first.
         outline = shapely.LineString([(lon, lat) for lat, lon in points * 2])
         length_m = M_PER_DEG * outline.length / 2.0
         if length_m > request.max_length_m:
@@ -192,7 +192,7 @@ def _named(request: dict[str, Any], key: str) -> str:
 
 
 def _is_service(name: str) -> bool:
-    """Return whether a name is the name that the service uses for its own orders."""
+    """Return whether a name is the one that the service uses for its own orders."""
     return name.strip().casefold() == SERVICE
 
 

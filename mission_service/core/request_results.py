@@ -9,7 +9,7 @@ from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Vehicl
 
 RETRY_S = 5.0
 START_AGAIN_S = 10.0
-# These commands are sent often, so only their refusals are announced.
+# These commands are sent often, so that only their refusals are announced.
 UNANNOUNCED = ("orbit", "change speed")
 HOLDS = ("hold", "hold at")
 
@@ -36,7 +36,7 @@ class RequestResults:
         if pending.lands:
             return self._landings.uploaded(vehicle, event)
         vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
-        if vehicle.ordered and pending.evades:  # the hold that the evasion replaced
+        if vehicle.ordered and pending.evades:  # the hold that the evasion had replaced
             vehicle.hold_again_at_s = vehicle.not_before_s
         failure = f"mission {event.mission_id} {event.outcome}: {event.reason}"
         if event.outcome == "cancelled" and vehicle.availability.recalled:
@@ -45,7 +45,7 @@ class RequestResults:
         commands: list[AnyCommand] = [announce(vehicle, words, warning=True)]
         in_mission = vehicle.availability.flies and self.guidance.in_mission(vehicle.name)
         if in_mission and vehicle.started:
-            # PX4 loiters after an infeasible mission. ArduPilot may have parts of the old and of
+            # PX4 loiters after an infeasible mission. ArduPilot may have parts of both the old and
             # the new mission on board.
             vehicle.holding = True
             if not vehicle.atomic_upload:
@@ -53,9 +53,9 @@ class RequestResults:
         return commands
 
     def accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
-        """Record that a mission is on board; return the command to start it, if a start is due.
+        """Record that a mission is on board; return the command to start it if a start is due.
 
-        Only a landing starts a mission that lands, which is not a path of a planner.
+        A mission that lands is not a planner's path; only a landing starts it.
         """
         vehicle.flown_line = None if pending.lands else pending.line
         vehicle.accepted, vehicle.takes_off = pending, pending.takes_off
@@ -107,5 +107,5 @@ class RequestResults:
 
 
 def _is_replaced(vehicle: Vehicle, event: events.CommandFinished) -> bool:
-    """Return whether a hold ended because another hold was sent at this moment."""
+    """Return whether a hold ended because another hold was sent at that moment."""
     return not event.accepted and vehicle.hold_under_way_s == event.at_us / 1e6

@@ -1,4 +1,4 @@
-"""Compares the straight way home of a return with the ground under it. Pure.
+"""Compares a return's straight way home with the ground below it. Pure.
 
 Before takeoff, the pre-flight check ``return`` compares returns from the positions of the mission
 on board with the ground. In flight, an alarm is active while the autopilot's own return would be
@@ -6,11 +6,11 @@ less than ``CLEARANCE_M`` above the ground. A return that the service orders is 
 mission home if it would be too low (``airspace_guard.py``). The return follows when it would be
 ``CLEAR_AGAIN_M`` above the ground, because autopilots do not hold their altitude exactly.
 
-PX4 and ArduCopter return at the altitude of the vehicle, or climb to the height of their parameter
-above home if they are lower. ArduPlane climbs or descends to the height of its parameter on the
-way (``rtl.cpp`` of PX4 1.17, ``mode_rtl.cpp`` of ArduPilot 4.6.2). If the parameter is unknown, the
-alarm and the check assume the usual height of the stack, or the present altitude of ArduPlane. An
-order to return relies neither on an unknown climb nor on a climb of ArduPlane.
+PX4 and ArduCopter return at the vehicle's altitude, or first climb if it is below the parameter's
+height above home. ArduPlane climbs or descends to its parameter's height on the way (``rtl.cpp`` of
+PX4 1.17, ``mode_rtl.cpp`` of ArduPilot 4.6.2). If the parameter is unknown, the alarm and the check
+assume the stack's usual height, or for ArduPlane the current altitude. An order to return relies
+neither on an unknown climb nor on a climb by ArduPlane.
 """
 
 from collections.abc import Sequence
@@ -29,18 +29,18 @@ from mission_service.vehicles.vehicle_state import Vehicle
 
 ALARM = "return"
 EVERY_S = 10.0
-BESIDE_M = 15.0  # the ground within this distance of the way home counts
+BESIDE_M = 15.0  # ground within this distance of the way home is considered
 TERRAIN_ERROR_M = 2.0
 ARDUPLANE_HEIGHT_M = 100.0  # RTL_ALTITUDE by default
-CLEARANCE_M, CLEAR_AGAIN_M = 10.0, 20.0  # height over the ground: raises and clears the alarm
+CLEARANCE_M, CLEAR_AGAIN_M = 10.0, 20.0  # height above ground that raises, and clears, the alarm
 
 
 class OverGround(NamedTuple):
-    """The height of a straight return over the ground.
+    """The height of a straight return above the ground.
 
     Attributes:
-        clearance_m: Height above the highest ground on the way; negative below it.
-        ground_amsl_m: Altitude of this ground above mean sea level.
+        clearance_m: Height above the highest ground on the way; negative if below it.
+        ground_amsl_m: Altitude above mean sea level of this ground.
         needed_above_home_m: Return height above home that gives ``CLEAR_AGAIN_M``.
     """
 
@@ -67,7 +67,7 @@ class OverGround(NamedTuple):
 
 
 class ReturnGround:
-    """The comparison of each vehicle's way home with the ground under it."""
+    """The comparison of each vehicle's way home with the ground below it."""
 
     def __init__(self, landscape: Landscape, energy: EnergyWatch) -> None:
         self._landscape = landscape
@@ -81,7 +81,7 @@ class ReturnGround:
     ) -> list[AnyCommand]:
         """Raise or clear the alarm of a vehicle that has reported its position.
 
-        ``goal_m`` is the position (x, y) to which the return leads straight.
+        ``goal_m`` is the position (x, y) to which the return leads directly.
         """
         at_s, fix = event.at_us / 1e6, vehicle.availability.fix
         if not vehicle.availability.airborne or fix is None or self._landscape.elevation_m is None:
@@ -105,8 +105,8 @@ class ReturnGround:
     ) -> str | None:
         """Return the airspace above ground that a straight return would enter, in words, or None.
 
-        A return needs the clearance ``needed_m``, but no more than the vehicle has now, less
-        ``TERRAIN_ERROR_M``.
+        A return needs the clearance ``needed_m``, but no more than the vehicle's current clearance
+        minus ``TERRAIN_ERROR_M``.
         """
         if self._landscape.elevation_m is None:
             return None
@@ -121,7 +121,7 @@ class ReturnGround:
     def climb(self, vehicle: Vehicle, fix: PositionFix, goal_m: Place) -> HoldAt | None:
         """Return the higher hold from which a return is clear of the ground, or None.
 
-        The hold is None if the vehicle is high enough, or if its return would descend again.
+        The result is None if the vehicle is high enough or its return would descend again.
         """
         home_amsl_m = _home_amsl_m(vehicle, fix)
         over = self._over_ground(position_of(fix), goal_m, fix.altitude_m, home_amsl_m)
@@ -165,7 +165,7 @@ class ReturnGround:
         return self._over_ground(start, goal_m, return_amsl_m, home_amsl_m)
 
     def _sure_amsl_m(self, vehicle: Vehicle, altitude_m: float, home_amsl_m: float) -> float:
-        """Return the altitude that a return from an altitude is sure to have all the way."""
+        """Return the altitude that a return from a given altitude is sure to keep all the way."""
         if vehicle.return_flight.at_current_height:
             return altitude_m
         known_m = self._energy.known_return_height_m(vehicle)
@@ -177,7 +177,7 @@ class ReturnGround:
     def _over_ground(
         self, start: Position, goal_m: Place, return_amsl_m: float, home_amsl_m: float
     ) -> OverGround:
-        """Return the height over the ground of a straight return at an altitude."""
+        """Return the height above ground of a straight return at an altitude."""
         ground_m = highest_ground_m(self._landscape, start[:2], goal_m, BESIDE_M)
         needed_m = ground_m + CLEAR_AGAIN_M - home_amsl_m
         return OverGround(return_amsl_m - ground_m, ground_m, needed_m)
@@ -191,5 +191,5 @@ class ReturnGround:
 
 
 def _home_amsl_m(vehicle: Vehicle, fix: PositionFix) -> float:
-    """Return the altitude of the home, by the altitudes that the autopilot reports."""
+    """Return the altitude of home according to the altitudes reported by the autopilot."""
     return fix.altitude_m - vehicle.availability.height_m

@@ -1,4 +1,4 @@
-"""Stores a vehicle's kind and return by its parameters, and compares the return. Pure."""
+"""Stores a vehicle's kind and return from its parameters, and compares the return. Pure."""
 
 from autopilot_bridge.stacks.return_flight import ReturnFlight, return_flight_of
 from autopilot_bridge.stacks.stacks import kind_of, stack_named
@@ -6,13 +6,13 @@ from mission_service.commands import AnyCommand
 from mission_service.events import ParametersReported
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
-SPEED_SHARE, HEIGHT_M = 0.1, 5.0  # larger differences from the scenario are announced
+SPEED_SHARE, HEIGHT_M = 0.1, 5.0  # larger deviations from the scenario are announced
 
 
 def return_read(vehicle: Vehicle, event: ParametersReported) -> list[AnyCommand]:
-    """Store the kind and the return, and announce what differs in the return from the scenario.
+    """Store the kind and the return, and announce where the return differs from the scenario.
 
-    The estimates use the parameters, and the scenario only in place of parameters without a reply.
+    The estimates use the parameters; scenario values replace only those that were not read.
     """
     stack = stack_named(*event.stack.split())
     vehicle.reported_kind = kind_of(stack, event.values)
@@ -28,7 +28,7 @@ def return_read(vehicle: Vehicle, event: ParametersReported) -> list[AnyCommand]
 
 
 def _differences(vehicle: Vehicle, read: ReturnFlight) -> list[str]:
-    """Return what differs, such as "22 m/s (return_speed_m_s = 15 in the scenario)"."""
+    """Return the differences, such as "22 m/s (return_speed_m_s = 15 in the scenario)"."""
     section, found = vehicle.section, []
     name = "airspeed_m_s" if section.return_speed_m_s is None else "return_speed_m_s"
     planned_m_s = section.return_speed_m_s or section.airspeed_m_s

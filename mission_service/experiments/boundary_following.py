@@ -18,8 +18,8 @@ def enclosed_s(arrival_s: Floats) -> Floats:
     """Return the time (y, x) at which each cell burns or is cut off from the outside.
 
     Holes and closed inlets are not part of the front around the fire. A cell is cut off when fire
-    closes the cell's last path to the outside across sides of cells. Dijkstra's algorithm finds for
-    each cell the path that stays free of fire for the longest time.
+    closes its last path to the outside across cell sides. Dijkstra's algorithm finds for each cell
+    the path that stays free of fire for the longest time.
     """
     rows, cols = arrival_s.shape
     found = np.full((rows + 2, cols + 2), -np.inf)

@@ -34,7 +34,7 @@ class Burn:
     arrival_s: Floats
 
     def burned(self, at_s: float) -> NDArray[np.bool_]:
-        """Return the mask (y, x) of the cells that have ignited by a time."""
+        """Return the mask (y, x) of the cells that have ignited by the given time."""
         return self.arrival_s <= at_s
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Tune the constants of the virtual forces by a genetic algorithm (section 5.2.6) with DEAP.
+"""Tune the constants of the virtual forces with a genetic algorithm (section 5.2.6), using DEAP.
 
 DEAP is used because it is one small package, while pymoo depends on autograd, cma and others. DEAP
 uses Python's global random generator, which is seeded before the search and restored afterwards.
@@ -29,7 +29,7 @@ from mission_service.simulation.task_pool import dask_client
 Genes = tuple[float, ...]
 Evaluate = Callable[[Sequence[Genes]], list[float]]
 
-MIN_GENE, MAX_GENE = 0.0, 20.0  # bounds of genes, both excluded
+MIN_GENE, MAX_GENE = 0.0, 20.0  # bounds of genes, both exclusive
 CLOSE = 1e-3  # minimum distance of a gene from its bounds
 ELITE, FITTEST = 0.1, 0.5  # fractions of the population
 MUTATION, CHANGE = 0.1, 1.0  # probability per gene, and maximum change

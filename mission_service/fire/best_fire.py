@@ -1,7 +1,7 @@
 """Apply images, reports, ignitions and wind to the best estimate, which is a single fire. Pure.
 
 Applying an input (``Mosaic``, ``LateImage``, ``Ignited``, ``Reported``) takes from milliseconds to
-a second, which is too long for the event loop. Therefore, ``after`` works on a copy, and may run in
+a second, which is too long for the event loop. Therefore, ``after`` works on a copy and may run in
 a thread.
 """
 
@@ -53,7 +53,7 @@ from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
 from mission_service.fire.scenario_fire import begun_again, reported_fire
 from mission_service.fire.sightings import Mosaic, Sightings
 
-MIN_INPUT_CHANGE = 0.02  # a smaller change of the learned inputs is not applied to the fire
+MIN_INPUT_CHANGE = 0.02  # smaller changes in the learned inputs are not applied to the fire
 OWN_DRAWS = 2  # seed, so that a random scheme does not draw the same numbers as the simulated fire
 
 
@@ -73,7 +73,7 @@ class Ignited(NamedTuple):
 
 
 class Reported(NamedTuple):
-    """A report of an operator, and the earlier reports of smoke."""
+    """An operator's report, and the earlier smoke reports."""
 
     now_s: float
     event: AnyOperatorEvent
@@ -84,13 +84,13 @@ Input = Mosaic | LateImage | Ignited | Reported
 
 
 class Change(NamedTuple):
-    """The changes that an input made.
+    """The changes made by an input.
 
     Attributes:
-        window: A window around the cells that a report changed, for planners.
-        contradicted: A window around corrections that images have removed, for planners.
+        window: A window around the cells changed by a report, for planners.
+        contradicted: A window around corrections removed by images, for planners.
         add: Adds the input to the ensemble.
-        note: A text for the sender if a part of the report changes nothing; otherwise empty.
+        note: A text for the sender if part of the report changes nothing; otherwise empty.
     """
 
     window: Window | None = None
@@ -106,7 +106,7 @@ class BestFire:
     """The estimated fire, its corrections, and the last sighting of each cell."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Begin with the reported fire of the scenario."""
+        """Begin with the scenario's reported fire."""
         self.fire = reported_fire(scenario, landscape)
         self.fire.draw_from(np.random.default_rng((scenario.seed, OWN_DRAWS)))
         self._landscape = landscape
@@ -114,11 +114,12 @@ class BestFire:
         self._corrected = CorrectedFire(landscape, self._begin)
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._sightings = Sightings(landscape.shape)
-        # Cells that planners received as burned; images may have removed these corrections since.
+        # Cells that planners have received as burned; images may since have removed these
+        # corrections.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._confirmation = Confirmation(landscape.shape)
         self._learned = LearnedInputs(landscape, self.fire.time_s, self.fire.rate_options)
-        self._applied = self._learned.state  # the inputs with which the fire burns
+        self._applied = self._learned.state  # the inputs that drive the fire
         self._weather = self.fire.weather  # of the last hours
 
     def estimated_fronts(self) -> tuple[EstimatedFront, ...]:
@@ -141,7 +142,7 @@ class BestFire:
 
     @property
     def corrections(self) -> CorrectedFire:
-        """The corrections of operators."""
+        """The operators' corrections."""
         return self._corrected
 
     def copy(self) -> "BestFire":
@@ -167,7 +168,7 @@ class BestFire:
             self._corrected.check_report(event)
 
     def fold(self, each: Input) -> Change:
-        """Apply an input, and return the changes.
+        """Apply an input and return the changes.
 
         Raises FireModelError for a report that cannot be used.
         """
@@ -202,7 +203,7 @@ class BestFire:
             self._weather = with_wind(self._weather, event.speed_m_s, event.from_deg, now_s)
             self.fire, weather = found, found.weather
             return Change(add=lambda ensemble: ensemble.add_input(WeatherSet(at_s, weather)))
-        if self._corrected.is_corrected:  # a restarted fire, without learned inputs and images
+        if self._corrected.is_corrected:  # a restarted fire, without learned inputs or images
             found = self._with_sightings(self._with_all_inputs(found))
         self.fire = found
         window = self._reported_change(before)
@@ -219,7 +220,7 @@ class BestFire:
     def _reported_cells(
         self, event: FireObserved | RasterObserved, smoke: Sequence[Smoke]
     ) -> Observation:
-        """Return the cells of a report without those that operators drew at a later time.
+        """Return a report's cells except those that operators drew at a later time.
 
         Raises FireModelError for a report that is contradicted.
         """
@@ -251,7 +252,7 @@ class BestFire:
         )
 
     def _place_in_time(self, seen: Observation) -> None:
-        """Change the fire to agree with an observation of the current or an earlier time."""
+        """Change the fire to agree with an observation from the current or an earlier time."""
         change = partial(
             with_observation,
             seen=seen,
@@ -272,7 +273,7 @@ class BestFire:
         return window
 
     def _write(self, mosaic: Mosaic) -> Change:
-        """Write the images of a period into the fire with and without corrections."""
+        """Write a period's images into the fire, both with and without corrections."""
         self.burn_until(mosaic.at_s)
         self._learn(mosaic)
         self._sightings.add_mosaic(mosaic)
@@ -285,7 +286,7 @@ class BestFire:
         )
 
     def _learn(self, mosaic: Mosaic) -> None:
-        """Update the learned inputs by the distances of the observed from the estimated front."""
+        """Update the learned inputs from the distances between observed and estimated front."""
         seen = front_distances(
             self._front_lines(), mosaic.here, mosaic.state, self._landscape.cell_size_m
         )
@@ -307,7 +308,7 @@ class BestFire:
     def _rewritten(self, fire: Fire, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> Fire:
         """Return the fire after sightings in a window; ``fire`` itself if the sightings agree.
 
-        ``state`` and ``seen_s`` (y, x) are the states of the window's cells and their times.
+        ``state`` and ``seen_s`` (y, x) are the window's cell states and their times.
         """
         cell_m = self._landscape.cell_size_m
         found = with_image(fire.expected_s(), here, state, seen_s, cell_m, self._unburnable)
@@ -328,7 +329,7 @@ class BestFire:
     def _with_sightings(self, fire: Fire, after_s: float = -math.inf) -> Fire:
         """Return a corrected fire that agrees with all sightings later than the corrections.
 
-        Sightings until ``after_s`` are ignored.
+        Sightings up to ``after_s`` are ignored.
         """
         held = self._corrected.log.held()
         seen = self._sightings
@@ -338,7 +339,7 @@ class BestFire:
 
 
 class Folded(NamedTuple):
-    """The result of ``after``: the fire, the changes, and why a report was not used."""
+    """The result of ``after``: the fire, the changes and why a report was not used."""
 
     best: BestFire
     change: Change
@@ -346,10 +347,10 @@ class Folded(NamedTuple):
 
 
 def after(best: BestFire, each: Input) -> Folded:
-    """Return the fire after an input; ``best`` is not changed.
+    """Return the fire after an input; ``best`` is not modified.
 
     A report that raises an exception has no effect; otherwise, a journal with such a report would
-    make each restart fail.
+    make every restart fail.
     """
     found = best.copy()
     try:
@@ -374,7 +375,7 @@ def _with_inputs(fire: Fire, change: Floats, learned: LearnedInputs) -> Fire:
 
 
 def _lit(fire: Fire, cells: Sequence[tuple[int, int]], at_s: float) -> Fire:
-    """Light cells (row, column) of a fire at ``at_s``, or now if ``at_s`` is in the past."""
+    """Ignite cells (row, column) of a fire at ``at_s``, or now if ``at_s`` is in the past."""
     for row, col in cells:
         fire.light(row, col, max(at_s, fire.time_s))
     return fire

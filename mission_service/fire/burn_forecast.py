@@ -53,7 +53,7 @@ class EstimatedForecasts:
     async def arrival_quantiles_s(
         self, places: Sequence[Cells], shares: Sequence[float], for_s: float
     ) -> tuple[float, Floats]:
-        """Return the times at which fire reaches places (``Forecasts.arrival_quantiles_s``)."""
+        """Return the times when fire reaches places (``Forecasts.arrival_quantiles_s``)."""
         _, simulation, arrival_s = await self._arrivals()
         first = np.array([cells[int(np.argmin(arrival_s.flat[cells]))] for cells in places], int)
         until_s, median_s = self._now_s() + for_s, arrival_s.flat[first]
@@ -82,7 +82,7 @@ class EstimatedForecasts:
 
 
 def arrival_times_s(simulation: Simulation, landscape: Landscape) -> Floats:
-    """Return the arrival times (y, x) of a simulation at the centres of the cells."""
+    """Return a simulation's arrival times (y, x) at the cell centres."""
     return simulation.ignition_time_s(_centres_m(landscape)).reshape(landscape.shape)
 
 
@@ -91,7 +91,7 @@ def burn_probability(
 ) -> Floats:
     """Return the probability (y, x) that fire has reached each cell by a time.
 
-    ``arrival_s`` are the results of ``arrival_times_s``.
+    ``arrival_s`` is the result of ``arrival_times_s``.
     """
     sd_s = _arrival_sds_s(simulation, landscape, arrival_s)
     with np.errstate(invalid="ignore"):
@@ -101,7 +101,7 @@ def burn_probability(
 
 def _arrival_sds_s(simulation: Simulation, landscape: Landscape, arrival_s: Floats) -> Floats:
     """Return the standard deviations (y, x) of the arrival times."""
-    # The paper's correction has no standard deviations.
+    # The paper's correction gives no standard deviations.
     sd_of = getattr(simulation, "sd_s", None)
     if sd_of is not None:
         found: Floats = sd_of(_centres_m(landscape)).reshape(arrival_s.shape)
@@ -111,6 +111,6 @@ def _arrival_sds_s(simulation: Simulation, landscape: Landscape, arrival_s: Floa
 
 
 def _centres_m(landscape: Landscape) -> Floats:
-    """Return the coordinates (n, 2) of the centres of the cells, row by row."""
+    """Return the coordinates (n, 2) of the cell centres, row by row."""
     row, col = np.indices(landscape.shape)
     return np.column_stack([np.asarray(each, float).ravel() for each in landscape.xy_of(row, col)])

@@ -1,4 +1,4 @@
-"""Compute the footprint on the ground of a camera that looks straight down."""
+"""Compute the ground footprint of a nadir-pointing camera."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ EDGE = 1e-9  # tolerance: a position on an edge is inside
 class Camera:
     """A camera whose footprint is a disc or, with ``along_rad``, a rectangle along the heading.
 
-    ``across_rad`` and ``along_rad`` are the fields of view across and along the track in rad.
+    ``across_rad`` and ``along_rad`` are the fields of view across and along the track, in rad.
     """
 
     across_rad: float
@@ -34,7 +34,7 @@ class Camera:
 def beyond_rectangle(
     south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
 ) -> NDArray[np.bool_]:
-    """Return the mask of positions outside a rectangle around (0, 0), aligned with a heading."""
+    """Return the mask of positions outside a rectangle about (0, 0), aligned with a heading."""
     cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
     ahead, right = east * sin - south * cos, east * cos + south * sin
     return np.asarray((np.abs(ahead) > half_length + EDGE) | (np.abs(right) > half_width + EDGE))

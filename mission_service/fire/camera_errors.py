@@ -1,7 +1,6 @@
 """Simulate the errors of cameras (position, direction, detection) and the effect of smoke.
 
-Equal seeds, vehicles and times give equal errors; the number and the order of the images have no
-effect.
+The same seed, vehicle and time give the same errors, regardless of the number and order of images.
 """
 
 import math
@@ -18,13 +17,13 @@ from mission_service.events import Telemetry
 from mission_service.fire.camera_views import Footprint
 
 STREAM = 3  # random numbers of this module; other modules use other streams of the same seed
-GPS_PERIOD_US = 60_000_000  # the error of the position is constant for this time
-SMOKING_S = 1200.0  # time for which a burning cell emits smoke
-CALM_M_S = 0.5  # in a weaker wind, smoke rises and does not cover the ground
+GPS_PERIOD_US = 60_000_000  # the position error is constant for this time
+SMOKING_S = 1200.0  # time during which a burning cell emits smoke
+CALM_M_S = 0.5  # in weaker wind, smoke rises and does not cover the ground
 
 
 class Shown(NamedTuple):
-    """The content of an image with errors."""
+    """What an image with errors shows."""
 
     burned: Mask  # (y, x) cells that appear as burned
     unseen: Mask  # (y, x) cells behind smoke
@@ -79,9 +78,9 @@ class CameraErrors:
 def _times(
     fire: Fire, footprint: Footprint, margin: int, shift: tuple[int, int] = (0, 0)
 ) -> Floats:
-    """Return arrival times (y, x) of a window with a margin; infinity off the landscape.
+    """Return the arrival times (y, x) in a window with a margin; infinity off the landscape.
 
-    ``shift`` moves the window by rows and columns.
+    ``shift`` moves the window by that many rows and columns.
     """
     height, width = footprint.beyond.shape
     rows = footprint.top + shift[0] + np.arange(-margin, height + margin)

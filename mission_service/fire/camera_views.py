@@ -1,4 +1,4 @@
-"""Compute which cells of a fire the vehicles' cameras show, and when an image is due."""
+"""Compute which cells of a fire the vehicles' cameras show and when images are due."""
 
 import math
 from typing import NamedTuple
@@ -57,7 +57,7 @@ class CameraViews:
     def seen_from(
         self, fix: events.Telemetry, fire: Fire, wider_cells: float = 0.0
     ) -> events.Observed | None:
-        """Return the image of a fire by a vehicle's camera, or None off the landscape.
+        """Return the image of a fire from a vehicle's camera, or None off the landscape.
 
         ``wider_cells`` is added to the footprint on each side.
         """
@@ -102,7 +102,7 @@ def footprint_of(
 ) -> Footprint | None:
     """Return the cells that a camera shows from a position, or None off the landscape."""
     x_m, y_m = land.xy_of_lat_lon(fix.lat_deg, fix.lon_deg)
-    if not math.isfinite(x_m + y_m):  # too far from the landscape for its projection
+    if not math.isfinite(x_m + y_m):  # too far from the landscape to be projected
         return None
     height_m = fix.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
     half_width = camera.half_width_m(height_m) / land.cell_size_m + wider_cells

@@ -1,7 +1,7 @@
-"""Correct a cellular fire by operators' drawings, erasures, undo and wind reports.
+"""Correct a cellular fire using operators' drawings, erasures, undo and wind reports.
 
-The fire without corrections is simulated in parallel, so that an undo can restore this fire. After
-each correction, the corrected fire is restarted at the time of the correction from corrected
+The fire without corrections is simulated in parallel, so that it can be restored by an undo. After
+each correction, the corrected fire is restarted at the time of the correction, from corrected
 arrival times. If there are more than ``MAX_STEPS`` corrections and erasures, the older half becomes
 part of the fire without corrections, is no longer listed and cannot be undone.
 """
@@ -30,16 +30,16 @@ from mission_service.fire.correction_log import (
 from mission_service.fire.late_observation import Begin
 from mission_service.fire.reported_observations import observation_of
 
-AHEAD_S = 3600.0  # before a fit, the fire is forecast this far, for observations ahead of its front
+AHEAD_S = 3600.0  # before a fit, the fire is forecast this far for observations ahead of it
 OBSERVATION_SPACING_CELLS = 1.0
 MAX_STEPS = 256  # the computing time of a correction grows with the number of observations
 MAX_OBSERVATIONS = 150  # the computing time of a fit grows with the cube of this number
 
 
 class CorrectedFire:
-    """The corrections of a fire by operators' reports.
+    """The corrections of a fire from operators' reports.
 
-    ``begin`` starts a fire from its state (None if nothing has burned) and weather at a time.
+    ``begin`` starts a fire at a time, from its state (None if nothing has burned) and weather.
     """
 
     def __init__(self, landscape: Landscape, begin: Begin) -> None:
@@ -52,7 +52,7 @@ class CorrectedFire:
 
     def copy(self) -> "CorrectedFire":
         """Return an independent copy."""
-        found = copy.copy(self)  # ``apply_report`` replaces the log and does not change it
+        found = copy.copy(self)  # ``apply_report`` replaces the log and does not modify it
         found._base = None if self._base is None else self._base.copy()
         return found
 
@@ -77,13 +77,13 @@ class CorrectedFire:
         return change(fire)
 
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
-        """Apply a report, and return the changed fire, or ``fire`` itself if nothing changes.
+        """Apply a report; return the changed fire, or ``fire`` itself if nothing changes.
 
         Raises FireModelError, and changes nothing, for a report that is invalid or has no effect.
         """
         match event:
             case WindSet():
-                # A restarted fire needs no earlier weather. The stream stays short in long runs.
+                # A restarted fire needs no earlier weather, so the stream stays short in long runs.
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
                 stream = stream.since(fire.time_s)
                 if self._base is None:
@@ -91,7 +91,7 @@ class CorrectedFire:
                 base = self._in_weather(self._base_at(fire), stream)
                 try:
                     found = self._set_right(base, self.log.held())
-                except FireModelError:  # nothing or everything burns; the wind changes all the same
+                except FireModelError:  # nothing or everything burns; the wind changes nevertheless
                     found = self._in_weather(fire, stream)
                 self._base = base
                 return found
@@ -130,7 +130,7 @@ class CorrectedFire:
             return base
         ahead = copy.deepcopy(base)
         ahead.advance(base.time_s + AHEAD_S)
-        # The import of SciPy is slow.
+        # Importing SciPy is slow.
         from firemodel.assimilation.corrected_cells import corrected_arrival
 
         arrival_s = ahead.arrival_time_s
@@ -162,7 +162,7 @@ def burning_now(fire: Fire) -> Burning | None:
 
 
 def drawn_at_s(held: Sequence[Held], landscape: Landscape) -> Floats:
-    """Return the latest time (y, x) for which each cell was drawn; -infinity if never."""
+    """Return the latest time (y, x) for which each cell was drawn; -infinity if it never was."""
     found = np.full(landscape.shape, -np.inf)
     for each in held:
         drawn = observation_of(each.correction, landscape, each.erasures)

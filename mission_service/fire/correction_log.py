@@ -40,7 +40,7 @@ class CorrectionLog:
         self.taken_back: list[Step] = []  # undone steps, in the order of undo
 
     def refuse_no_effect(self, event: AnyEvent) -> None:
-        """Raise FireModelError if there is no step to undo or redo, or no correction to erase."""
+        """Raise FireModelError if there is no step to undo or redo or no correction to erase."""
         match event:
             case Undone() if not self.steps:
                 raise FireModelError("nothing to undo")
@@ -50,7 +50,7 @@ class CorrectionLog:
                 raise FireModelError("no correction to erase")
 
     def apply(self, event: AnyEvent) -> bool:
-        """Process an event, and return whether the corrections in effect changed."""
+        """Process an event; return whether the corrections in effect have changed."""
         match event:
             case Corrected() | Erased():
                 self.steps.append(event)
@@ -66,7 +66,7 @@ class CorrectionLog:
                 return False
 
     def held(self) -> tuple[Held, ...]:
-        """Return the corrections in effect in the order of drawing, without erased points."""
+        """Return the corrections in effect, in drawing order and without erased points."""
         found: list[Held] = []
         erasures: tuple[Erased, ...] = ()
         for step in reversed(self.steps):
@@ -77,7 +77,7 @@ class CorrectionLog:
         return tuple(reversed(found))
 
     def settle(self, count: int) -> tuple[Held, ...]:
-        """Remove the first ``count`` steps, and return their corrections that are in effect."""
+        """Remove the first ``count`` steps; return their corrections that are in effect."""
         settled = {id(step) for step in self.steps[:count]}
         found = tuple(each for each in self.held() if id(each.correction) in settled)
         del self.steps[:count]
@@ -101,7 +101,7 @@ class CorrectionLog:
 
 
 def drawn_shape(report: Corrected | FireObserved, landscape: Landscape) -> BaseGeometry:
-    """Return the points, the line or the polygon of a report in the landscape's CRS."""
+    """Return a report's points, line or polygon in the landscape's CRS."""
     places_m = landscape.xy_of_places(report.points)
     match report.shape:
         case "line":

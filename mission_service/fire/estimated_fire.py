@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LINE_SPACING_M = 2.0  # spacing of the point sources of a line
+LINE_SPACING_M = 2.0  # spacing of point sources along a line
 OBSERVATION_SPACING_M = 5.0  # spacing of observations along a drawn line or polygon
 PAPER_LENGTH_M = 40.0  # correlation length, the best value in benchmarks.beachly_lengths
 OWN_WITHIN_M = 20.0
-CAMERA_EVERY_S = 15.0  # interval of corrections by cameras; each takes 0.1 s to compute
-WHOLE_AFTER = 1.25  # growth of the number of observations that causes a fit from the start
+CAMERA_EVERY_S = 15.0  # interval of corrections from cameras; each takes 0.1 s to compute
+WHOLE_AFTER = 1.25  # growth in the number of observations that triggers a fit from scratch
 
 
 class EstimatedFire:
@@ -45,7 +45,7 @@ class EstimatedFire:
         self._landscape = landscape
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
-        # Spheres of the current line. The plan of the flight along this line includes their fire.
+        # Spheres of the current line. The flight plan along this line includes their fire.
         self.held = np.empty((0, 3))
         self._seen = CameraFront(landscape)
         self._looked_s = -math.inf
@@ -54,7 +54,7 @@ class EstimatedFire:
         self._base: EllipseFire | None = None
         self._simulation: Simulation | None = None
         self._fitted: GaussianCorrected | None = None
-        self._whole_fit_count = 0  # observations at the last fit from the start
+        self._whole_fit_count = 0  # observations at the last fit from scratch
         for line in burn.lit:
             lit = _sources(landscape.xy_of_places(line.points), line.at_s)
             self._sources = np.vstack([self._sources, lit])
@@ -80,9 +80,9 @@ class EstimatedFire:
         return self._base
 
     def lights(self, sources: Floats) -> EllipseFire:
-        """Return a fire that has only the given sources (n, 3), with the burn's fuel and weather.
+        """Return a fire with only the given sources (n, 3), in the burn's fuel and weather.
 
-        A source is x, y, at_s.
+        A source consists of x, y and at_s.
         """
         if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
@@ -96,7 +96,7 @@ class EstimatedFire:
         if self._burn.corrections == "paper":
             return PaperCorrected(base, self._observations, PAPER_LENGTH_M)
         from firemodel.assimilation.gaussian_process import (
-            GaussianCorrected,  # the import of SciPy is slow
+            GaussianCorrected,  # importing SciPy is slow
         )
 
         count = len(self._observations)
@@ -111,7 +111,7 @@ class EstimatedFire:
         return self._fitted
 
     def apply(self, event: object) -> bool:
-        """Apply an event, and return whether the estimate changed.
+        """Apply an event; return whether the estimate changed.
 
         Raises FireModelError for a correction with an invalid shape, and if there is nothing to
         undo, redo or erase. The estimate is then unchanged.
@@ -123,7 +123,7 @@ class EstimatedFire:
                 self.ignite(_sources(points_m, event.lit_at_us / 1e6))
             case events.Corrected() | events.Erased() | events.Undone() | events.Redone():
                 if isinstance(event, events.Corrected):
-                    # Raises for an invalid shape before the log changes.
+                    # This raises for an invalid shape before the log is modified.
                     observations_of_correction(event, self._landscape, OBSERVATION_SPACING_M)
                 self.log.refuse_no_effect(event)
                 self.log.apply(event)
@@ -152,14 +152,14 @@ class EstimatedFire:
             self._collect_observations()
 
     def ignite(self, sources: Floats) -> None:
-        """Add sources (n, 3), which are x, y, at_s, to the estimate."""
+        """Add sources (n, 3), each x, y and at_s, to the estimate."""
         self._sources = np.vstack([self._sources, sources])
         if self._base is not None:
             self._base = self._base.lit(sources)
         self._changed()
 
     def blow(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Set the wind (at 20 ft) from a time on, and remove all later weather entries."""
+        """Set the wind (at 20 ft) from ``at_s`` on, and remove all later weather entries."""
         stream = WeatherStream(tuple(self._entries))
         self._entries = list(stream.blown(speed_m_s, from_deg, at_s).entries)
         self._spreads = self._base = self._fitted = None
@@ -185,7 +185,7 @@ class EstimatedFire:
     def _changed(self) -> None:
         """Fit at once and count the change.
 
-        A fit depends on the previous fit, so the times of fits must not depend on reads.
+        A fit depends on the previous one, so the times of fits must not depend on reads.
         """
         self._simulation = self._corrected(self.base) if len(self._observations) else None
         self.version += 1
@@ -198,6 +198,6 @@ def _sources(points_m: Floats, at_s: float) -> Floats:
 
 
 def toward(landscape: Landscape, speed_m_s: float, from_deg: float) -> tuple[float, float]:
-    """Return the velocity (x, y) on the grid in m/s of a wind from a direction (true north: 0)."""
+    """Return the grid velocity (x, y) in m/s of a wind from a direction (true north: 0)."""
     from_rad = math.radians(landscape.grid_deg(from_deg))
     return -speed_m_s * math.sin(from_rad), -speed_m_s * math.cos(from_rad)

@@ -1,4 +1,4 @@
-"""Compute forecasts of the estimated fire in a thread on request, and keep the latest."""
+"""Compute forecasts of the estimated fire in a thread on request, and keep the latest one."""
 
 import asyncio
 import math
@@ -19,15 +19,15 @@ from mission_service.fire.run_estimate import RunEstimate
 
 __all__ = ["LONGEST_S", "Arrival", "Forecasts", "forecast_once"]
 
-# Lengths of forecasts; a request is rounded up to one of them.
+# Forecast lengths; a request is rounded up to one of them.
 LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)
 LONGEST_S = LENGTHS_S[-1]
 # Forecasts are longer by this, so that they also serve later requests for "now plus three hours".
 FURTHER_S = 1200.0
-PRESENT_S = 10.0  # times up to this far ahead count as now: the estimate lags behind the clock
-OLD_S = 180.0  # a forecast is computed again at this age in mission time
-FOLLOW_EVERY_S = 5.0  # interval in real time at which queued inputs are processed
-# The times after a forecast's start at which the arrival at places is computed.
+PRESENT_S = 10.0  # times no further ahead count as now: the estimate lags behind the clock
+OLD_S = 180.0  # a forecast of this age in mission time is recomputed
+FOLLOW_EVERY_S = 5.0  # real-time interval at which queued inputs are processed
+# Times after a forecast's start for which the arrival at places is computed.
 _STEPS_MIN = (range(60), range(60, 180, 5), range(180, 361, 10))
 ARRIVAL_STEPS_S = tuple(60.0 * minutes for steps in _STEPS_MIN for minutes in steps)
 REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
@@ -41,9 +41,9 @@ class Arrival(NamedTuple):
 
     at_s: float  # time of the forecast
     until_s: float  # end of the forecast, at least the requested time
-    arrival_s: Floats  # (y, x); after until_s finite only next to the fire
+    arrival_s: Floats  # (y, x); later than until_s only next to the fire
     version: int
-    start_area: StartArea | None = None  # area of the initial fire, used for fronts
+    start_area: StartArea | None = None  # area of the initial fire, for fronts
 
 
 class _Made(NamedTuple):
@@ -54,7 +54,7 @@ class _Made(NamedTuple):
 
 
 class Forecasts:
-    """The forecasts of the estimate that ``estimate_of()`` returns.
+    """The forecasts of the estimate returned by ``estimate_of()``.
 
     ``version_of()`` changes with each correction of the fire. Forecasts are computed only on
     request. All computation runs in one thread, in which kernels release the GIL; the same thread
@@ -67,19 +67,19 @@ class Forecasts:
     ) -> None:
         self._estimate_of, self._version_of = estimate_of, version_of
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="forecast")
-        self.took_s = 0.0  # computing time of the last forecast
+        self.took_s = 0.0  # computing time of the last forecast in s
         self._newest: _Made | None = None
         self._begun_s = -math.inf  # start of the newest forecast's computation, in real time
-        self._length_s = 0.0  # longest length requested so far
+        self._length_s = 0.0  # greatest length requested so far
         self._work: asyncio.Task[None] | None = None
         self._processing = asyncio.Lock()
 
     async def arrival(self, until_s: float) -> Arrival:
         """Return the arrival times until ``until_s`` or later.
 
-        If ``until_s`` is not in the future, these are the times of the current fire; future times
-        are the medians of the ensemble. Raises FireModelError if ``until_s`` is not finite or more
-        than ``LONGEST_S`` from now.
+        If ``until_s`` is not in the future, these are the current fire's times; future times are
+        ensemble medians. Raises FireModelError if ``until_s`` is not finite or more than
+        ``LONGEST_S`` from now.
         """
         fire = self._estimate_of().fire
         _check(until_s, fire.time_s)
@@ -91,7 +91,7 @@ class Forecasts:
     async def probability(self, at_s: float) -> Floats:
         """Return the probability (y, x) that each cell has burned by a time.
 
-        For a past time and now the probability is 0 or 1. Raises FireModelError like ``arrival``.
+        For past times and now, the probability is 0 or 1. Raises FireModelError like ``arrival``.
         """
         fire = self._estimate_of().fire
         _check(at_s, fire.time_s)
@@ -103,16 +103,16 @@ class Forecasts:
     async def arrival_quantiles_s(
         self, places: Sequence[Cells], shares: Sequence[float], for_s: float
     ) -> tuple[float, Floats]:
-        """Return the end of a forecast, and the times (k, n) at which the fire reaches places.
+        """Return the end of a forecast, and the times (k, n) when the fire reaches places.
 
         Args:
-            places: The cells of each of n places, as flat indices of the grid; at least one each.
-            shares: k probabilities with which the fire has arrived at these times.
+            places: The cells of each of n places, as flat grid indices; at least one each.
+            shares: k probabilities that the fire has arrived by these times.
             for_s: Length of the forecast from now.
 
         Returns:
-            The end of the forecast, and the times; infinity for no arrival until then. Where the
-            fire has arrived, they are the estimated time of arrival. Raises FireModelError like
+            The end of the forecast, and the times; infinity if the fire does not arrive by then.
+            Where it has arrived, they are the estimated time of arrival. Raises FireModelError like
             ``arrival``.
         """
         now_s = self._estimate_of().fire.time_s
@@ -151,7 +151,7 @@ class Forecasts:
         return not old or asyncio.get_running_loop().time() - self._begun_s < REST_S
 
     async def follow(self) -> None:
-        """Process the inputs of the ensemble soon after their arrival, until cancelled.
+        """Process the ensemble's inputs soon after they arrive, until cancelled.
 
         Without this coroutine, the first forecast has to process all inputs.
         """
@@ -161,7 +161,7 @@ class Forecasts:
             await self._processed_until(estimate.ensemble, estimate.fire.time_s)
 
     async def _processed_until(self, ensemble: RunEnsemble, at_s: float) -> FireEstimate:
-        """Process the ensemble's inputs until a time in the thread, and return the ensemble."""
+        """Process the ensemble's inputs up to a given time in the thread; return the ensemble."""
         async with self._processing:
             before, inputs = ensemble.processed, ensemble.inputs_until(at_s)
             if not inputs:
@@ -187,10 +187,10 @@ class Forecasts:
 
 
 def forecast_once(estimate: RunEstimate, for_s: float) -> tuple[Arrival, Floats | None]:
-    """Return the arrival times of an estimate and of its forecast, and the burn probability (y, x).
+    """Return the arrival times of an estimate and its forecast, and the burn probability (y, x).
 
     Args:
-        estimate: The estimate, without queued inputs. Its ensemble is not changed.
+        estimate: The estimate, without queued inputs. Its ensemble is not modified.
         for_s: The length of the forecast; 0 for none.
 
     Returns:
@@ -233,7 +233,7 @@ def _quantiles_s(
     shares: Sequence[float],
     until_s: float,
 ) -> Floats:
-    """Return the times (k, n) at which the fire reaches places (``arrival_quantiles_s``)."""
+    """Return the times (k, n) when the fire reaches places (``arrival_quantiles_s``)."""
     past_s = np.array([arrival.arrival_s.flat[cells].min() for cells in places])
     if forecast is None:
         ahead_s = np.full((len(shares), len(places)), np.inf)
@@ -245,7 +245,7 @@ def _quantiles_s(
 
 
 def _joined(arrival_s: Floats, forecast: Forecast, now_s: float) -> Floats:
-    """Return the arrival times (y, x) of the estimate until now, and of the forecast later."""
+    """Return the arrival times (y, x): the estimate's up to now, the forecast's afterwards."""
     later_s = np.maximum(forecast.median_arrival_s(), np.nextafter(now_s, np.inf))
     return np.where(arrival_s <= now_s, arrival_s, later_s)
 

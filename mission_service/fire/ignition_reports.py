@@ -1,4 +1,4 @@
-"""Derive reported ignitions from events: crews' reports, and spheres that have landed. Pure."""
+"""Derive reported ignitions from events: crews' reports and landed spheres. Pure."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,7 +19,7 @@ class IgnitionReports:
     """The predicted landing positions of spheres until their drops are confirmed."""
 
     def __init__(self, ignition_delay_s: float) -> None:
-        """Set the time from the drop of a sphere until the sphere burns."""
+        """Set the time from a sphere's drop until it burns."""
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._ignition_delay_s = ignition_delay_s
 

@@ -1,4 +1,4 @@
-"""Change a fire to agree with an observation of an earlier time. Pure."""
+"""Change a fire to agree with an observation from an earlier time. Pure."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,8 +16,8 @@ from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.requests import MAX_AGE_S
 
 Begin = Callable[[Burning | None, WeatherStream, float], Fire]
-WINDS_APART_S = 60.0  # shortest time between the wind reports that are stored for late observations
-EQUAL_S = 1.0  # smaller differences of arrival times are rounding
+WINDS_APART_S = 60.0  # minimum interval between wind reports stored for late observations
+EQUAL_S = 1.0  # smaller differences in arrival times are rounding errors
 
 
 def with_observation(
@@ -30,12 +30,12 @@ def with_observation(
     progress within the cells, which a restart would lose. The result has the time of ``fire``.
 
     Args:
-        fire: The fire; it is not changed.
+        fire: The fire; it is not modified.
         seen: The observation; its time may be earlier than that of the fire, but not later.
-        unburnable: (y, x) the cells of the grid that cannot burn.
-        begin: Starts a fire from its state (None if nothing has burned) and weather at a time.
-        weather: The weather since the time of the observation; the weather of the fire may begin
-            later.
+        unburnable: (y, x) the grid cells that cannot burn.
+        begin: Starts a fire from its state (None if nothing has burned) and weather at the given
+            time.
+        weather: The weather since the time of the observation; the fire's weather may begin later.
     """
     cell_m, arrival_s = fire.landscape.cell_size_m, fire.expected_s()
     is_late = seen.at_s < fire.time_s
@@ -77,18 +77,18 @@ class _Past:
 
 
 def _burned_on(fire: Fire, known_s: Floats, new_s: Floats, at_s: float, past: _Past) -> Floats:
-    """Return the arrival times (y, x) of a fire after the change of its state at ``at_s``.
+    """Return a fire's arrival times (y, x) after a change of its state at ``at_s``.
 
     Args:
         fire: The fire at the current time.
-        known_s: (y, x) the arrival times of the fire until ``at_s``.
+        known_s: (y, x) the fire's arrival times until ``at_s``.
         new_s: (y, x) these times after the change.
         at_s: The time of the change.
         past: Simulates the fires to the current time.
     """
     arrival_s = fire.expected_s()
     if isinstance(fire, ProbabilisticFire):
-        # Two random fires differ everywhere, so only the changed cells are simulated again.
+        # Two random fires differ everywhere, so only the changed cells are re-simulated.
         before, after = known_s <= at_s, new_s <= at_s
         added_s = past.burned_on(np.where(after & ~before, new_s, np.inf), at_s)
         found = np.minimum(arrival_s, added_s)
@@ -100,7 +100,7 @@ def _burned_on(fire: Fire, known_s: Floats, new_s: Floats, at_s: float, past: _P
 
 
 def with_wind(past: WeatherStream, speed_m_s: float, from_deg: float, at_s: float) -> WeatherStream:
-    """Return the weather of the last hours after a wind report, for late observations.
+    """Return the weather of the last hours including a wind report, for late observations.
 
     Of wind reports within ``WINDS_APART_S``, the result contains only the last.
     """

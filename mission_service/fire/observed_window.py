@@ -18,7 +18,7 @@ from firemodel.assimilation.observation import (
 from firemodel.spread.fire_scheme import Fire
 from mission_service.events import Observed
 
-AROUND_CELLS = 3  # margin of a reported window around the changed cells
+AROUND_CELLS = 3  # margin around the changed cells in a reported window
 STATE_OF_LETTER = np.full(256, UNSEEN, dtype=np.uint8)
 STATE_OF_LETTER[ord("b")], STATE_OF_LETTER[ord("u")] = BURNED, UNBURNED
 
@@ -34,13 +34,13 @@ class Window(NamedTuple):
 
 
 def window_of_change(before: Fire, after: Fire) -> Window | None:
-    """Return the window around the cells that have burned in only one of two fires, or None."""
+    """Return the window around the cells burned in only one of two fires, or None."""
     changed = after.burned() != before.burned()
     return window_around(changed, after) if changed.any() else None
 
 
 def window_around(cells: Mask, fire: Fire) -> Window:
-    """Return the current states of a fire in the window around the cells of a mask (y, x)."""
+    """Return a fire's current states in the window around the cells of a mask (y, x)."""
     burned = fire.burned()
     rows, cols = np.nonzero(cells)
     top, left = (max(int(each.min()) - AROUND_CELLS, 0) for each in (rows, cols))
@@ -50,7 +50,7 @@ def window_around(cells: Mask, fire: Fire) -> Window:
 
 
 def observation_in(image: Observed) -> Observation:
-    """Return a camera's image as an observation, without errors of detection.
+    """Return a camera's image as an observation without detection errors.
 
     A majority filter removes these errors if the sensor makes any.
     """
@@ -68,7 +68,7 @@ def observation_in(image: Observed) -> Observation:
 
 
 def without_speckles(image: Observed) -> Observed:
-    """Return an image after a majority filter, if its sensor makes errors of detection."""
+    """Return an image after a majority filter if its sensor makes detection errors."""
     if not (image.missed or image.false_alarms):
         return image
     codes = LETTERS[observation_in(image).state]

@@ -9,19 +9,19 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.events import RasterObserved
 from mission_service.fire.observed_window import states_in
 
-# Distance, in cells, of the positions that are projected exactly. Between these positions, latitude
-# and longitude are interpolated. With cells of 30 m, the error is less than 1 cm, and the
-# computation takes a hundredth of the time.
+# Spacing, in cells, of the positions that are projected exactly. Between these positions, latitude
+# and longitude are interpolated. With 30 m cells, the error is less than 1 cm, and the computation
+# takes a hundredth of the time.
 EXACT_EVERY = 16
-EDGE_POINTS = 9  # of each edge of a raster, because its edges are curved on the grid
+EDGE_POINTS = 9  # per edge of a raster, because its edges are curved on the grid
 
 
 def raster_cells(event: RasterObserved, landscape: Landscape) -> tuple[int, int, NDArray[np.uint8]]:
     """Return the first row and column of a window, and the states (y, x) of its cells.
 
-    Each cell of the grid has the state of the raster's cell at its centre. A majority filter is
-    applied to the raster if its sensor makes errors of detection. The window is empty if the raster
-    contains no centre of a grid cell.
+    Each grid cell has the state of the raster cell at its centre. A majority filter is applied to
+    the raster if its sensor makes detection errors. The window is empty if the raster contains no
+    grid cell's centre.
     """
     states = despeckled(
         Observation(
@@ -44,13 +44,13 @@ def raster_cells(event: RasterObserved, landscape: Landscape) -> tuple[int, int,
 
 
 def _window(event: RasterObserved, landscape: Landscape) -> tuple[int, int, int, int]:
-    """Return the rows and columns (first, end) of the grid that may lie in a raster."""
+    """Return the grid rows and columns (first, end) that may lie in a raster."""
     share = np.linspace(0.0, 1.0, EDGE_POINTS)
     lat_deg = event.south_deg + share * (event.north_deg - event.south_deg)
     lon_deg = event.west_deg + share * (event.east_deg - event.west_deg)
     lat, lon = (each.ravel() for each in np.meshgrid(lat_deg, lon_deg))
     row, col = landscape.row_col_of(*landscape.xy_of_lat_lon(lat, lon))
-    finite = np.isfinite(row) & np.isfinite(col)  # points far from the landscape have no projection
+    finite = np.isfinite(row) & np.isfinite(col)  # points far away cannot be projected
     if not finite.any():
         return 0, 0, 0, 0
     ends = []
@@ -65,7 +65,7 @@ def _window(event: RasterObserved, landscape: Landscape) -> tuple[int, int, int,
 def _places(
     landscape: Landscape, rows: NDArray[np.int64], cols: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
-    """Return the latitude and longitude in degrees (y, x) of the centres of a window's cells."""
+    """Return the latitude and longitude in degrees (y, x) of a window's cell centres."""
     exact_rows, exact_cols = _exact(rows), _exact(cols)
     row, col = np.meshgrid(exact_rows, exact_cols, indexing="ij")
     lat, lon = landscape.lat_lon_of(*landscape.xy_of(row, col))
@@ -80,6 +80,6 @@ def _exact(indices: NDArray[np.int64]) -> Floats:
 
 
 def _weights(indices: NDArray[np.int64], exact: Floats) -> Floats:
-    """Return the weights (indices, exact) of a linear interpolation."""
+    """Return the weights (indices, exact) for linear interpolation."""
     step = exact[1] - exact[0]
     return np.asarray(np.maximum(1.0 - np.abs(indices[:, None] - exact[None, :]) / step, 0.0))

@@ -1,12 +1,12 @@
 """Find the part of a reported observation that changes the estimate. Pure.
 
-A report that agrees with the estimate within the report's error of position changes nothing. A
-place whose reported state differs from the estimate changes the estimate at once if the source
-makes no errors of detection. Otherwise, the place changes the estimate only after a second report
-nearby, at another time or by another source. A report of the opposite state at the place cancels
-the first report. A few places near the estimated fire need no second report, because few false
-alarms lie in this small area. A report of many places, or of burned and unburned places, needs a
-second report, because some false alarms of such a report lie in this area.
+A report that agrees with the estimate within the report's position error changes nothing. A place
+whose reported state differs from the estimate changes the estimate at once if the source makes no
+detection errors. Otherwise, the place changes the estimate only after a second report nearby, at
+another time or from another source. A report of the opposite state at the place cancels the first
+report. A few places near the estimated fire need no second report, because few false alarms lie in
+this small area. A report of many places, or of burned and unburned places, needs a second report,
+because some false alarms of such a report lie in this area.
 """
 
 import copy
@@ -20,12 +20,12 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observa
 
 WITHIN_SD = 2.0  # tolerance, in standard deviations of the position
 CONFIRMED_WITHIN_S, APART_S = 1800.0, 10.0
-BESIDE_M, FEW_CELLS = 300.0, 20  # from the estimated fire, and burned cells of one report
-UNLIKELY = 0.5  # with this share of false alarms, places beside the fire also need a second report
+BESIDE_M, FEW_CELLS = 300.0, 20  # distance from the estimated fire, and burned cells in one report
+UNLIKELY = 0.5  # at this share of false alarms, places near the fire also need a second report
 
 
 class Confirmation:
-    """The last places that sources with errors of detection have reported, by their state."""
+    """The last places reported by sources with detection errors, by their state."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         """Begin without reports on a grid of this shape."""
@@ -48,18 +48,17 @@ class Confirmation:
 
         Args:
             seen: A reported observation.
-            burned: (y, x) the cells of the grid that are burned in the estimate at the report's
-                time.
+            burned: (y, x) the grid cells that are burned in the estimate at the report's time.
             cell_m: The size of a cell.
 
         Returns:
-            This part, and the number of cells that wait for a second report.
+            This part, and the number of cells that await a second report.
         """
         reach = int(WITHIN_SD * seen.position_sd_m / cell_m)
         state = seen.state.copy()
         state[(state == BURNED) & _near(burned, seen.where, reach)] = UNSEEN
         # An unburned place agrees if, within ``reach``, the estimate has unburned ground and the
-        # report does not show that all ground is unburned: the front may lie beyond the place.
+        # report does not show only unburned ground: the front may lie just beyond the place.
         unsure = ~_surrounded(seen.state == UNBURNED, reach)
         state[(state == UNBURNED) & unsure & _near(~burned, seen.where, reach)] = UNSEEN
         differs = (state == BURNED) & ~burned[seen.where]
@@ -93,7 +92,7 @@ class Confirmation:
         apart_s = np.abs(last.at_s - seen.at_s)
         other = (last.source != number) | (apart_s >= APART_S)
         near = _near(other & (apart_s <= CONFIRMED_WITHIN_S), seen.where, reach)
-        waits = ~other & (apart_s <= CONFIRMED_WITHIN_S)  # for a later report of this source
+        waits = ~other & (apart_s <= CONFIRMED_WITHIN_S)  # for a later report from this source
         new = (seen.state == code) & ~waits[seen.where]
         last.at_s[seen.where][new] = seen.at_s
         last.source[seen.where][new] = number
@@ -104,18 +103,18 @@ class Surprising(NamedTuple):
     """The part of a report that changes the estimate."""
 
     seen: Observation
-    waiting: int  # cells of the report that wait for a second report
+    waiting: int  # cells of the report that await a second report
 
 
 class _LastReports(NamedTuple):
-    """Time and source number of the last report that covers each cell (y, x)."""
+    """Time and source number of the last report covering each cell (y, x)."""
 
     at_s: Floats
     source: NDArray[np.int64]
 
 
 def _surrounded(cells: Mask, reach: int) -> Mask:
-    """Return the cells (y, x) of a window with only ``cells`` within ``reach`` rows and columns."""
+    """Return a window's cells (y, x) with only ``cells`` within ``reach`` rows and columns."""
     around = np.pad(~cells, reach, constant_values=True)
     inner = window_at(reach, reach, cells.shape)
     return ~widened(around, reach)[inner]

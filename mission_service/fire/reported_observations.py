@@ -18,17 +18,18 @@ from mission_service.fire.observed_window import observation_in
 from mission_service.fire.raster_cells import raster_cells
 from mission_service.requests import MAX_AGE_S
 
-MAX_CONTRADICTED = 0.5  # fraction of the cells that images or other reports show
+MAX_CONTRADICTED = 0.5  # of the cells shown in images or other reports
 SHORTLY_S, SEVERAL_CELLS = 120.0, 5
-MANY_TIMES = 20  # a report with this many times as many cells is not refused for a few cells
+MANY_TIMES = 20  # a report this many times larger is not refused for a few cells
 # Fuel ignites at this temperature in the spread model (Rothermel 1972, Research Paper INT-115,
-# heat of preignition). Cooler ground may be hot ash, or may be heated by the sun or a fire nearby.
+# heat of preignition). Cooler ground may be hot ash, or may be heated by the sun or by a nearby
+# fire.
 IGNITION_C = 320.0
-COOL_FALSE_ALARMS = 0.5  # at least, below ``IGNITION_C``; any fraction requires a second report
-CORRECTION_SD_M = 1.0  # operators' drawings are certain
+COOL_FALSE_ALARMS = 0.5  # minimum below ``IGNITION_C``; any fraction requires a second report
+CORRECTION_SD_M = 1.0  # operators' drawings are treated as certain
 SMOKE_S = 600.0  # before and after a report of smoke
 MAX_SMOKE = 100  # reports of smoke that are stored
-TAK, TAK_STATION = "TAK", "cot:"  # the source of all TAK users, and the beginning of their stations
+TAK, TAK_STATION = "TAK", "cot:"  # the source of all TAK users, and the prefix of their stations
 STATES = {
     "burned": BURNED,
     "burning": BURNED,
@@ -43,7 +44,7 @@ def observation_of(
     landscape: Landscape,
     erasures: Sequence[Erased] = (),
 ) -> Observation:
-    """Return the cells that an image, a report or a correction shows, with their time and errors.
+    """Return the cells shown in an image, a report or a correction, with their time and errors.
 
     Args:
         event: The event. The inside of a burning area counts as burned.
@@ -51,8 +52,8 @@ def observation_of(
         erasures: The later erasures; the cells in their circles are not shown.
 
     Returns:
-        The cells. An image has no errors of detection, because a filter has removed them. The
-        window is empty if a report contains no cell of the landscape.
+        The cells. An image has no detection errors, because a filter has removed them. The window
+        is empty if a report contains no cell of the landscape.
     """
     if isinstance(event, Observed):
         return observation_in(event)
@@ -98,15 +99,15 @@ def _raster(event: RasterObserved, landscape: Landscape) -> Observation:
 
 
 def sender_of(event: FireObserved | RasterObserved) -> str:
-    """Return the name of a report's source; it differs from the names of all cameras."""
+    """Return the name of a report's source; it differs from all cameras' names."""
     return f"{event.source} of {event.by}" if event.source else f"{event.by} at {event.station}"
 
 
 def compared_source(event: FireObserved | RasterObserved) -> str:
-    """Return the name of the source under which a report is compared with other sources.
+    """Return the source name under which a report is compared with other sources.
 
-    All reports from TAK count as one source, because TAK does not identify its users. Otherwise,
-    one sender with several names would be a majority.
+    All reports from TAK count as one source, because TAK does not identify its users. Otherwise, a
+    single sender with several names would be a majority.
     """
     return TAK if event.station.startswith(TAK_STATION) else sender_of(event)
 
@@ -134,7 +135,7 @@ def checked_report(event: FireObserved | RasterObserved, landscape: Landscape) -
 
 
 class Smoke(NamedTuple):
-    """Cells behind smoke at a time, in images of ``source`` (if not empty) and in all reports."""
+    """Cells behind smoke at a given time, in images of ``source`` (if given) and all reports."""
 
     at_s: float
     source: str
@@ -144,7 +145,7 @@ class Smoke(NamedTuple):
 
 
 def smoke_of(event: FireObserved, landscape: Landscape) -> Smoke:
-    """Return the cells of a report of smoke."""
+    """Return the cells in a smoke report."""
     found = observation_of(msgspec.structs.replace(event, state="burned"), landscape)
     return Smoke(found.at_s, event.source, found.top, found.left, found.state != UNSEEN)
 
@@ -154,8 +155,8 @@ def behind_smoke(seen: Observation, smoke: Sequence[Smoke], source: str) -> Obse
 
     Args:
         seen: The observation.
-        smoke: The reports of smoke.
-        source: The source of an image, or "" for a report. All smoke applies to a report.
+        smoke: The smoke reports.
+        source: The source of an image, or "" for a report. All smoke reports apply to a report.
     """
     hidden: Mask = np.zeros(seen.state.shape, dtype=bool)
     for each in smoke:
@@ -174,9 +175,9 @@ def behind_smoke(seen: Observation, smoke: Sequence[Smoke], source: str) -> Obse
 def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Floats) -> None:
     """Raise FireModelError for a report that contradicts most of the sightings of its cells.
 
-    Burned cells must not have been seen as unburned at a later time; for several cells, sightings
-    shortly before that time also count. Unburned cells must not have been seen as burned before.
-    A few contradicted cells of a large report do not count.
+    Burned cells must not have been seen as unburned at a later time; for more than a few cells,
+    sightings shortly before that time also count. Unburned cells must not have been seen as burned
+    before. A few contradicted cells of a large report do not count.
 
     Args:
         seen: The reported observation.
@@ -204,7 +205,7 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
 def note_of(
     event: FireObserved | RasterObserved, reported: Observation, waiting: int, changes: bool
 ) -> str:
-    """Return a line for the sender on why a part of a report changes nothing, or an empty text.
+    """Return a line for the sender on why part of a report changes nothing, or an empty text.
 
     Args:
         event: The report.

@@ -1,8 +1,8 @@
-"""Track the fire of a run by an ensemble, which also estimates wind and spread rates.
+"""Track the fire of a run with an ensemble, which also estimates wind and spread rates.
 
-The ensemble (``firemodel.assimilation.fire_estimate``) needs much computing time. Therefore, its
-inputs are collected in a list, which a thread processes when a forecast is requested. Equal inputs
-give equal ensembles, no matter how many inputs are processed at each request.
+The ensemble (``firemodel.assimilation.fire_estimate``) needs a lot of computing time, so its inputs
+are collected in a list, which a thread processes when a forecast is requested. Equal inputs give
+equal ensembles, no matter how many inputs are processed at each request.
 """
 
 import math
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 IMAGES_PERIOD_S = 120.0
 INPUTS_PER_MARK = 60  # the number of periods in two hours
-ADVANCED_EVERY_S = 600.0  # maximum time between inputs, so that a forecast has little to compute
+ADVANCED_EVERY_S = 600.0  # maximum interval between inputs; forecasts then have little to compute
 
 
 class Lit(NamedTuple):
@@ -44,14 +44,14 @@ class Lit(NamedTuple):
 
 
 class WeatherSet(NamedTuple):
-    """The weather that is reported from a time on."""
+    """The reported weather from a given time on."""
 
     at_s: float
     weather: WeatherStream
 
 
 class Images(NamedTuple):
-    """The images of a period, sorted by time; the ensemble is advanced once for all images."""
+    """The images of a period, sorted by time; the ensemble is advanced once for all of them."""
 
     at_s: float
     seen: Sequence[Observation]
@@ -87,7 +87,7 @@ class RunEnsemble:
     """
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Begin with the initial fire of the scenario; later ignitions are inputs."""
+        """Begin with the scenario's initial fire; later ignitions are inputs."""
         self._scenario, self._landscape = scenario, landscape
         self._begun_from: _Mark | None = None  # None for the beginning of the run
         self._mark: _Mark | None = None
@@ -101,7 +101,7 @@ class RunEnsemble:
 
     @property
     def processed(self) -> "FireEstimate":
-        """The ensemble after the inputs processed so far; it must not be changed."""
+        """The ensemble after the inputs processed so far; it must not be modified."""
         if self._processed is None:
             scenario, landscape = self._scenario, self._landscape
             if self._begun_from is None:
@@ -129,9 +129,9 @@ class RunEnsemble:
         self._inputs.append(new)
 
     def add_late(self, new: Observation) -> None:
-        """Insert an observation by its time, which may be earlier than the times of other inputs.
+        """Insert an observation at its time, which may be earlier than that of other inputs.
 
-        If later inputs were processed, the ensemble processes all inputs again.
+        If later inputs have already been processed, the ensemble processes all inputs again.
         """
         if new.at_s >= self._last_s:
             self.add_input(new)
@@ -145,16 +145,17 @@ class RunEnsemble:
             self._processed, self._count = None, 0
 
     def inputs_until(self, at_s: float) -> list[Input]:
-        """Return the unprocessed inputs until a time.
+        """Return the unprocessed inputs up to a given time.
 
-        The result contains no images of the current period, and no later ignitions of the scenario.
+        The result contains neither images of the current period nor later ignitions of the
+        scenario.
         """
         self._end_period_by(at_s)
         self._add_due(at_s)
         return self._inputs[self._count :]
 
     def _end_period_by(self, at_s: float, exclusive: bool = False) -> None:
-        """End the period of the images if it ends before a time or, if not exclusive, at it."""
+        """End the image period if it ends before ``at_s`` or, unless exclusive, at ``at_s``."""
         if not self._images:
             return
         end_s = math.ceil(self._images[0].at_s / IMAGES_PERIOD_S) * IMAGES_PERIOD_S
@@ -169,7 +170,7 @@ class RunEnsemble:
             self._images = []
 
     def _add_due(self, at_s: float) -> None:
-        """Add the ignitions of the scenario, and empty periods, until a time."""
+        """Add the scenario's ignitions, and empty periods, up to a given time."""
         while self._scheduled and self._scheduled[0].at_s <= at_s:
             self._inputs.append(self._scheduled.pop(0))
         while self._last_s + ADVANCED_EVERY_S <= at_s:
@@ -182,10 +183,10 @@ class RunEnsemble:
         return len(self._inputs) - kept >= INPUTS_PER_MARK
 
     def forget_before_mark(self, fire: Fire) -> None:
-        """Delete the inputs before the last mark, and set a mark with this state of the fire.
+        """Delete the inputs before the last mark, and set a new mark with this state of the fire.
 
-        Without this, the inputs of a long run would fill the memory. The effect of these inputs on
-        the ensemble remains, but only until a restart of the service.
+        Without this, a long run's inputs would fill the memory. Their effect on the ensemble
+        remains, but only until a restart of the service.
         """
         mark = self._mark
         if mark is not None:
@@ -196,7 +197,7 @@ class RunEnsemble:
         self._mark = _Mark(len(self._inputs), fire.weather, fire.time_s, fire.arrival_time_s.copy())
 
     def replace(self, before: "FireEstimate", after: "FireEstimate", count: int) -> None:
-        """Replace the ensemble ``before`` by ``after``, unless ``before`` was replaced already."""
+        """Replace the ensemble ``before`` with ``after`` unless it has already been replaced."""
         if self.processed is before:
             self._processed = after
             self._count += count
@@ -225,7 +226,7 @@ def new_estimate(
 
 
 def processed(estimate: "FireEstimate", inputs: Sequence[Input]) -> "FireEstimate":
-    """Return an ensemble after inputs, which are in order of time; ``estimate`` is unchanged."""
+    """Return the ensemble after inputs in order of time; ``estimate`` is not modified."""
     found = estimate.copy()
     for each in inputs:
         match each:

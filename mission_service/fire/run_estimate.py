@@ -1,10 +1,10 @@
 """Estimate the fire of a run from camera images, operators' reports and the reported weather.
 
-The estimate begins with the initial fire of the scenario, or without any fire, and is simulated by
+The estimate begins with the scenario's initial fire, or without any fire, and is simulated using
 the fire model. Camera images replace the estimate where the two differ: all images of a period are
-written into the estimate at once at the end of that period. Reports of operators correct the
-estimate (``corrected_fire``). Interfaces and forecasts read this fire, and planners receive its
-corrections; this module does not read the simulated fire.
+written into the estimate at once at the end of that period. Operators' reports correct the estimate
+(``corrected_fire``). Interfaces and forecasts read this fire, and planners receive its corrections;
+this module does not read the simulated fire.
 
 Equal events give equal estimates, bit for bit: events become inputs (``best_fire``), which are
 applied in the order of the events. Images are written at fixed mission times, however often the
@@ -70,16 +70,16 @@ from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
-# In this time a vehicle flies about as far as its camera sees ahead. With a longer time, vehicles
-# fly around a front that their cameras have already shown to be wrong.
+# In this time, a vehicle flies about as far as its camera sees ahead. With a longer time, vehicles
+# would fly around a front that their cameras have already shown to be wrong.
 FRONTS_EVERY_US = 10_000_000
-# Images that are older than the last written period by more than this are inserted at their time.
+# Images older than the last written period by more than this are inserted at their time.
 LATE_US = 10_000_000
 AHEAD_US = 5_000_000
-MAX_REPORTS = 64  # observations that are queued for the thread; further observations are refused
-MAX_WAITING = 20  # queued periods; of more, images are written even if nothing reads the estimate
+MAX_REPORTS = 64  # observations queued for the thread; further ones are refused
+MAX_WAITING = 20  # queued periods; beyond, images are written even if nothing reads the estimate
 OBSERVATIONS = (FireObserved, RasterObserved)
-OF_FIRE = (Corrected, *OBSERVATIONS, Erased, Undone, Redone, WindSet)  # these change the estimate
+OF_FIRE = (Corrected, *OBSERVATIONS, Erased, Undone, Redone, WindSet)  # they change the estimate
 
 
 log = logging.getLogger(__name__)
@@ -97,9 +97,10 @@ class RunEstimate:
     """The estimated fire of a run."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Begin with the initial fire of the scenario.
+        """Begin with the scenario's initial fire.
 
-        In a burn, operators' reports correct the estimate of the burn's guidance, not this one.
+        In a burn, operators' reports correct the estimate used in the burn's guidance, not this
+        one.
         """
         self.landscape = landscape
         self.in_background = False  # ``next_work`` and ``adopt``, not reads, apply the inputs
@@ -115,17 +116,17 @@ class RunEstimate:
         self._period_us = FRONTS_EVERY_US if self._gives_fronts else PERIOD_US
         self._fronts_due_us = -(2**63)
         self._images = Sightings(landscape.shape)  # of the current period
-        self._due_us: int | None = None  # end of the period of these images
-        self._latest_us = round(scenario.start_s * 1e6)  # of the events so far
+        self._due_us: int | None = None  # end of these images' period
+        self._latest_us = round(scenario.start_s * 1e6)  # latest time of the events so far
         self._written_us = -(2**63)  # end of the last period with images
         self._ahead: Fire | None = None  # a copy at a time after the latest event
-        self._contradicted: tuple[Window, ...] = ()  # windows not delivered yet
+        self._contradicted: tuple[Window, ...] = ()  # windows not yet delivered
         self._smoke: tuple[Smoke, ...] = ()  # the last reports
-        # The report that was checked last, and its cells.
+        # The last checked report, and its cells.
         self._checked: tuple[FireObserved | RasterObserved, Observation] | None = None
         self.agreement = SourceAgreement(landscape.shape, landscape.cell_size_m)
         self.ensemble = RunEnsemble(scenario, landscape)
-        self.defect = ""  # the last report that failed because of a defect, and the exception
+        self.defect = ""  # the last report that failed because of a defect, with the exception
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes for a snapshot; a thread's unfinished work is repeated later."""
@@ -153,7 +154,7 @@ class RunEstimate:
         """Advance the fire to this mission time; an earlier time has no effect.
 
         If the time is long after the latest event, only a copy is advanced, because earlier events
-        may still arrive. Thus the estimate does not depend on the times at which it is read.
+        may still arrive. Thus the estimate does not depend on when it is read.
         """
         if not self._catch_up(min(at_us, self._latest_us)):
             return
@@ -163,7 +164,7 @@ class RunEstimate:
             self._ahead.advance(at_us / 1e6)
 
     def _catch_up(self, at_us: int) -> bool:
-        """Apply the queued inputs, and advance the fire to a time, at most ``_latest_us``.
+        """Apply the queued inputs and advance the fire to the given time, at most ``_latest_us``.
 
         If inputs are queued for a thread (``in_background``), do nothing and return False.
         """
@@ -179,7 +180,7 @@ class RunEstimate:
 
     def _fold_first(self) -> Folded:
         first = self._waiting[0]
-        if isinstance(first, Mosaic):  # without a copy, because a mosaic cannot be refused
+        if isinstance(first, Mosaic):  # no copy needed, because a mosaic cannot be refused
             found = Folded(self._best, self._best.fold(first), None)
         else:
             found = after(self._best, first)
@@ -189,7 +190,7 @@ class RunEstimate:
     def next_work(self) -> Callable[[], Folded] | None:
         """Return a function that applies the next input, for a thread; None without queued inputs.
 
-        The result of the function must be passed to ``adopt`` before the next call.
+        The function's result must be passed to ``adopt`` before the next call.
         """
         if not self._waiting:
             return None
@@ -197,7 +198,7 @@ class RunEstimate:
         return partial(after, self._best, self._waiting[0])
 
     def adopt(self, found: Folded) -> AnyOperatorEvent | None:
-        """Replace the fire by the result of ``next_work``; return the report that was the input."""
+        """Replace the fire with the result of ``next_work``; return the report that it applied."""
         first = self._waiting[0]
         self._in_work = False
         self._adopt(found)
@@ -216,7 +217,7 @@ class RunEstimate:
                 self.ensemble.forget_before_mark(self._best.fire)
 
     def _note_defect(self, event: AnyOperatorEvent, error: Exception) -> None:
-        """Store and log the unexpected exception of a valid report."""
+        """Store and log an unexpected exception raised for a valid report."""
         kind, sender, at_s = type(event).__name__, event.by or "an operator", event.at_us / 1e6
         self.defect = (
             f"a report ({kind}) of {sender} at {at_s:.3f} s is not used: {in_words(error)}; this "
@@ -231,7 +232,7 @@ class RunEstimate:
             self._fold_all()
 
     def view(self, fix: Telemetry) -> Observed | None:
-        """Return the part of the estimate that a vehicle's camera would show, if an image is due.
+        """Return the part of the estimate that a vehicle's camera would show if an image is due.
 
         The result is None off the landscape, while inputs are queued, in a run with a simulated
         fire (which cameras observe), and in a burn (whose guidance has its own estimate).
@@ -243,7 +244,7 @@ class RunEstimate:
     def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
         """Return the result of ``view``, even if no image is due.
 
-        ``wider_cells`` is added to the footprint of the camera on each side.
+        ``wider_cells`` is added to the camera footprint on each side.
         """
         self._on_time(fix)
         if not self._catch_up(fix.at_us):
@@ -252,7 +253,7 @@ class RunEstimate:
         return None if found is None else msgspec.structs.replace(found, estimated=True)
 
     def fronts(self, fix: Telemetry) -> FrontsEstimated | None:
-        """Return the fronts of the estimate, if planners use fronts and an update is due.
+        """Return the estimate's fronts if planners use fronts and an update is due.
 
         The result is None while inputs are queued.
         """
@@ -264,7 +265,7 @@ class RunEstimate:
         """Return the result of ``fronts``, even if no update is due.
 
         The fronts are those at the time of the latest event, which may be another vehicle's: a read
-        may have advanced the fire to this time already.
+        may already have advanced the fire to this time.
         """
         self._on_time(fix)
         if not self._catch_up(self._latest_us):
@@ -276,19 +277,19 @@ class RunEstimate:
         return arrival_at(self._best.fire, row, col)
 
     def contradicted(self) -> tuple[Window, ...]:
-        """Return the windows around corrections that images have removed.
+        """Return the windows around corrections removed by images.
 
-        Planners need these windows, because they received the removed corrections before. A window
-        is left out after an event has delivered it.
+        Planners need these windows because they received the removed corrections earlier. A window
+        is omitted once an event has delivered it.
         """
         return self._contradicted
 
     def corrections(self) -> list[dict[str, Any]]:
-        """Return the status of the operators' corrections in effect."""
+        """Return the status of operators' corrections in effect."""
         return self._best.corrections.log.status()
 
     def on_event(self, event: AnyEvent) -> None:
-        """Process an image, an ignition, a completed drop or the reliability of a position."""
+        """Process an image, an ignition, a completed drop or a change in position reliability."""
         self._on_time(event)
         self._views.on_event(event)
         if isinstance(event, Observed):
@@ -311,7 +312,7 @@ class RunEstimate:
         """Remove the window of a delivered event.
 
         A replay applies inputs as late as possible. Before this event, it must apply the inputs
-        that the live run had applied.
+        that had been applied in the live run.
         """
         if not self.in_background:
             self._fold_all()
@@ -323,9 +324,9 @@ class RunEstimate:
         self._ignitions.on_command(command)
 
     def check(self, event: AnyEvent) -> None:
-        """Raise FireModelError for an operator's report that cannot be used; change nothing.
+        """Raise FireModelError for an operator's report that cannot be used; modify nothing.
 
-        While inputs are queued for a thread (``in_background``), not all such reports are
+        While inputs are queued for a thread (``in_background``), some such reports are not
         recognised.
         """
         if not isinstance(event, OF_FIRE):
@@ -351,9 +352,9 @@ class RunEstimate:
     def preview(self, reports: Sequence[AnyOperatorEvent]) -> Callable[[], tuple[Fire, Fire]]:
         """Return a function, for a thread, that computes the fire before and after some reports.
 
-        The estimate does not change. The function raises the exception of a report that cannot be
-        used. Raises FireModelError in a burn, in which reports correct the estimate of the burn's
-        guidance.
+        The estimate does not change. The function raises the exception caused by a report that
+        cannot be used. Raises FireModelError in a burn, where reports correct the estimate used in
+        the burn's guidance.
         """
         if not self._accepts_reports:
             raise FireModelError("a burn has no preview of corrections")
@@ -364,12 +365,12 @@ class RunEstimate:
         return partial(_previewed, self._best.copy(), before, changes)
 
     def apply_report(self, event: AnyEvent) -> Window | None:
-        """Apply an operator's report, and return a window around the changed cells or None.
+        """Apply an operator's report; return a window around the changed cells, or None.
 
         If a thread applies the inputs (``in_background``), the report is queued, and the result is
         None.
 
-        Raises UnusedReportError for a report that changes nothing, because it cannot be used.
+        Raises UnusedReportError for a report that changes nothing because it cannot be used.
         """
         self._on_time(event)
         checked, self._checked = self._checked, None
@@ -405,7 +406,7 @@ class RunEstimate:
             raise UnusedReportError(FireModelError(reason))
 
     def apply_history(self, event: AnyEvent) -> Window | None:
-        """Apply an event of a journal, and return a window around the changed cells or None."""
+        """Apply an event from a journal; return a window around the changed cells, or None."""
         found = None
         with contextlib.suppress(UnusedReportError):
             found = self.apply_report(event)
@@ -415,7 +416,7 @@ class RunEstimate:
         return found
 
     def _on_time(self, event: AnyEvent) -> None:
-        """End the period of the images if an event is later than its end."""
+        """End the image period if an event is later than its end."""
         self._latest_us, self._ahead = max(self._latest_us, event.at_us), None
         if self._due_us is not None and self._latest_us >= self._due_us:
             self._end_period(self._due_us)
@@ -441,7 +442,7 @@ class RunEstimate:
 def _previewed(
     best: BestFire, before: Sequence[Input], reports: Sequence[Reported]
 ) -> tuple[Fire, Fire]:
-    """Return the fire after the inputs ``before``, and after the reports that follow them."""
+    """Return the fire after the inputs ``before``, and after the reports following them."""
     for each in before:
         best = after(best, each).best
     best.burn_until(reports[-1].now_s)

@@ -49,7 +49,7 @@ from mission_service.errors import ScenarioError
 WEATHER_TABLES = {"time_zero", "duration_s", "landscape", "weather", "weather_file"}
 WEATHER_TABLES |= {"wind_grids", "terrain_wind"}
 TERRAIN_TABLES = {"landscape", "terrain_wind"}
-STALLED = 100  # updates without growth after which the fire is checked for burning cells
+STALLED = 100  # updates without growth before a check for burning cells
 
 
 def landscape_of(scenario: Scenario) -> Landscape:
@@ -58,7 +58,7 @@ def landscape_of(scenario: Scenario) -> Landscape:
 
 
 def landscape_in(section: LandscapeSection) -> Landscape:
-    """Return the landscape of a table [landscape], with its barriers."""
+    """Return the landscape described by a table [landscape], with its barriers."""
     if section.source == "jacksboro":
         found = jacksboro(section.rows, section.cols, section.cell_size_m)
     elif section.source == "flat":
@@ -116,7 +116,7 @@ def weather_of(scenario: Scenario) -> WeatherStream:
     """Return the weather of a scenario, from its entries or its weather file, and its wind.
 
     The weather of a scenario with wind grids, wind over terrain, moisture zones or wind directions
-    from grid north is computed once, and again after a change of the files.
+    from grid north is computed once, and again if the files change.
     """
     file = scenario.weather_file
     if (
@@ -129,7 +129,7 @@ def weather_of(scenario: Scenario) -> WeatherStream:
 
 
 class _CacheKey:
-    """A scenario as the key of a cache: equal if the tables and their files are unchanged."""
+    """A scenario as a cache key: equal if the tables and their files are unchanged."""
 
     def __init__(self, scenario: Scenario, tables: set[str]) -> None:
         self.scenario = scenario
@@ -159,7 +159,7 @@ def _terrain(inputs: _CacheKey) -> WindGrids:
 
 
 def station_of(scenario: Scenario, landscape: Landscape) -> tuple[int, int] | None:
-    """Return the cell of the station of [terrain_wind], or None without a station.
+    """Return the cell of the station in [terrain_wind], or None without a station.
 
     Raises ScenarioError for a station outside the landscape.
     """
@@ -194,7 +194,7 @@ def _weather(scenario: Scenario) -> WeatherStream:
 def _in_wind(
     weather: WeatherStream, section: WindGridsSection, scenario: Scenario
 ) -> WeatherStream:
-    """Return a weather stream with the wind of grids."""
+    """Return a weather stream with the wind from grids."""
     from firemodel.landscape.readers.wind_files import WindFiles, read_wind
 
     pairs = tuple((each.speed, each.direction, each.time_given) for each in section.pairs)
@@ -234,7 +234,7 @@ def _from_file(section: WeatherFile, scenario: Scenario) -> WeatherStream:
 
 
 def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:
-    """Return the cells (row, column) that an ignition of a scenario lights."""
+    """Return the cells (row, column) that a scenario's ignition lights."""
     if ignition.file is not None:
         return cells_of_file(ignition.file, landscape)
     assert ignition.lat_deg is not None
@@ -250,7 +250,7 @@ def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> li
 
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
-    """Return the initial fire of a scenario; None if there are only ignitions, or nothing burns."""
+    """Return the initial fire of a scenario; None if it has only ignitions, or if nothing burns."""
     from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
@@ -278,7 +278,7 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
 
 
 def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
-    """Return an initial fire of at least ``cells`` cells, grown with the probabilistic scheme."""
+    """Return an initial fire of at least ``cells`` cells, grown using the probabilistic scheme."""
     from firemodel.spread.burning import burning_from_arrival
 
     fire = new_fire(
@@ -323,8 +323,8 @@ def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
     """Return the warnings about inputs that are valid but probably unintended.
 
     The warnings concern repaired perimeters, keys of an inputs file that have no effect, and a
-    ``time_zero`` with another date than the weather. The ``input_warnings`` of the fire model are
-    included.
+    ``time_zero`` whose date differs from that of the weather. The fire model's ``input_warnings``
+    are included.
     """
     lines = []
     if scenario.fire.perimeter is not None and scenario.fire.repair_perimeter:
@@ -339,7 +339,7 @@ def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
 
 
 def _ignored_in(section: WeatherFile) -> list[str]:
-    """Return a line with the keys of an inputs file that have no effect, if there are any."""
+    """Return a line listing the keys of an inputs file that have no effect, if there are any."""
     from firemodel.landscape.readers.inputs_files import is_inputs_file, read_inputs
 
     if not is_inputs_file(section.path):
@@ -349,7 +349,7 @@ def _ignored_in(section: WeatherFile) -> list[str]:
 
 
 def fire_of(scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None) -> Fire:
-    """Return the fire of a scenario at its start, in ``weather`` or else the scenario's weather.
+    """Return a scenario's fire at its start, in ``weather`` or else in the scenario's weather.
 
     Raises ScenarioError if nothing burns.
     """
@@ -360,9 +360,9 @@ def fire_of(scenario: Scenario, landscape: Landscape, weather: WeatherStream | N
 
 
 def reported_fire(scenario: Scenario, landscape: Landscape) -> Fire:
-    """Return the fire that is reported, for estimates; it may have no burning cells.
+    """Return the reported fire, for estimates; it may have no burning cells.
 
-    The fire has no acceleration, because the time of a real ignition is not known well.
+    The fire has no acceleration, because the time of a real ignition is not well known.
     """
     ignitions, burning = ignitions_of(scenario, landscape), burning_of(scenario, landscape)
     settings = _settings_of_estimates(scenario)
@@ -396,7 +396,7 @@ def begun_again(
     weather: WeatherStream,
     at_s: float,
 ) -> Fire:
-    """Return the ``reported_fire``, restarted at ``at_s`` and with later ignitions.
+    """Return the ``reported_fire`` restarted at ``at_s``, with the later ignitions.
 
     ``burning`` is the state of the fire at that time, or None if nothing has burned.
     """
@@ -408,7 +408,7 @@ def begun_again(
 
 
 def ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]:
-    """Return the cells that are ignited in the scenario: row, column, time in s."""
+    """Return the cells ignited in the scenario: row, column, time in s."""
     section = scenario.fire
     ignitions: list[CellIgnition] = [
         (row, col, ignition.at_s)
@@ -426,7 +426,7 @@ def ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]
 
 
 def closings_of(scenario: Scenario, landscape: Landscape) -> list[Closing]:
-    """Return the closings of the control lines of a scenario."""
+    """Return the closings of a scenario's control lines."""
     if not scenario.suppression:
         return []
     from firemodel.landscape.readers.shapes import read_shapes

@@ -1,4 +1,4 @@
-"""Sensors are sources of observations of the fire, and are found by entry points.
+"""Sensors are sources of observations of the fire, found through entry points.
 
 The key ``estimate.sensors`` of a scenario names sensors of this service
 (``mission_service.sensors``) and of other packages. The service's own simulated cameras
@@ -23,17 +23,17 @@ from mission_service.events import AnyEvent, FireObserved, Observed, Telemetry
 
 GROUP = "mission_service.sensors"
 STATION = "sensor"  # in the reports of sensors
-MAX_IMAGES = 12  # of each sensor, for interfaces
+MAX_IMAGES = 12  # per sensor, for interfaces
 
 Scale = tuple[tuple[float, str], ...]  # values and their colours (#rrggbb), in ascending order
-Bounds = tuple[float, float, float, float]  # top, left, bottom and right; rows and columns
+Bounds = tuple[float, float, float, float]  # top, left, bottom, right; in rows and columns
 
 
 class SensorImage(NamedTuple):
     """A georeferenced image for maps; neither the estimate nor the journal uses it.
 
     Positions are rows and columns of the landscape's grid. ``colours`` returns red, green, blue and
-    opacity (n, 4) of positions (n, 2); positions that the image does not show are transparent. The
+    opacity (n, 4) at positions (n, 2); positions that the image does not show are transparent. The
     ellipse has semi-axes of one standard deviation of the position.
     """
 
@@ -54,32 +54,32 @@ class SensorImage(NamedTuple):
 class Sensor(Protocol):
     """A source of observations of the fire.
 
-    The methods of a sensor are called on the event loop and must return at once. A sensor must wait
-    for files or sockets in a thread; ``observe`` then returns an observation that has arrived. A
+    A sensor's methods are called on the event loop and must return at once. A sensor must use a
+    thread to wait for files or sockets; ``observe`` then returns an observation that has arrived. A
     sensor may also have these attributes:
 
     - ``problem``: a text that is shown as an alarm unless it is empty.
     - ``report(at_us)``: a method that returns a report on positions, or None, and is called several
-      times a second, also without a vehicle. The estimate weighs the report like the request
+      times a second, even without a vehicle. The estimate weighs the report like the request
       ``observe``. The field ``at_us`` of the report must equal the argument.
     - ``skip(names)``: a method that receives, after a restart, the names of the events that the
       run has already used (``Observed.file``, ``FireObserved.file``).
     - ``images``: the latest images for the map (``SensorImage``), the newest one last. The method
       ``colours`` of an image is called in other threads, when a client requests the image's
       picture. At most ``MAX_IMAGES`` images of a sensor are shown.
-    - ``close()``: a method that ends the sensor's threads, called at the end of a live run.
+    - ``close()``: a method that ends the sensor's threads; it is called at the end of a live run.
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:
         """Return a new observation, or None.
 
         The method is called with each position of a vehicle, before the position is processed. The
-        window of the observation lies on the landscape's grid. The observation must have the
-        vehicle of the position, and the same or an earlier time.
+        window of the observation lies on the landscape's grid. The observation must be for the
+        vehicle of the position, and from the same or an earlier time.
         """
 
     def on_event(self, event: AnyEvent) -> None:
-        """Process an event of the run, for example an attitude or a lost position fix."""
+        """Process an event of the run, such as an attitude or a lost position fix."""
 
 
 MakeSensor = Callable[[Scenario, Landscape], Sensor]
@@ -95,7 +95,7 @@ class Sensors:
         self.failed: dict[str, str] = {}
 
     def observe(self, fix: Telemetry) -> list[Observed]:
-        """Return the observations of all sensors up to a vehicle's position."""
+        """Return the new observations of all sensors at a vehicle's position report."""
         found = []
         for name, sensor in list(self._sensors.items()):
             try:
@@ -107,7 +107,7 @@ class Sensors:
         return found
 
     def reports(self, at_us: int) -> list[FireObserved]:
-        """Return new reports of all sensors at a mission time, at most one of each sensor."""
+        """Return new reports of all sensors at the given mission time, at most one per sensor."""
         found = []
         for name, sensor in list(self._sensors.items()):
             report = getattr(sensor, "report", None)
@@ -120,7 +120,7 @@ class Sensors:
         return found
 
     def images(self) -> dict[str, tuple[SensorImage, ...]]:
-        """Return the latest images of the sensors that have any, by sensor; the newest one last."""
+        """Return the latest images by sensor, if there are any; the newest one last."""
         found = {}
         for name, sensor in list(self._sensors.items()):
             try:
@@ -134,7 +134,7 @@ class Sensors:
         return found
 
     def skip(self, names: frozenset[str]) -> None:
-        """Pass to the sensors the names of the events that the run used before a restart."""
+        """Pass the names of the events used in the run before a restart to the sensors."""
         for name, sensor in list(self._sensors.items()):
             try:
                 getattr(sensor, "skip", lambda names: None)(names)
@@ -142,16 +142,16 @@ class Sensors:
                 self._fail(name, error)
 
     def close(self) -> None:
-        """End the threads of the sensors, also of those that have failed."""
+        """End the threads of all sensors, including those that have failed."""
         for sensor in self._all:
             # Another package may raise anything; the run ends.
             with suppress(Exception, SystemExit):
                 getattr(sensor, "close", lambda: None)()
 
     def use_mission_time(self, zero: datetime) -> None:
-        """Set the mission time, which begins at ``zero``, in sensors that use the time.
+        """Set the mission time, which begins at ``zero``, in sensors that use mission time.
 
-        A simulation calls this method, because the time of a simulation is not that of the clock.
+        A simulation calls this method because simulated time differs from that of the clock.
         """
         for sensor in self._sensors.values():
             use = getattr(sensor, "use_mission_time", None)
@@ -216,7 +216,7 @@ def _checked_report(name: str, made: FireObserved, at_us: int) -> FireObserved:
 def sensors_of(scenario: Scenario, landscape: Landscape) -> Sensors:
     """Return the sensors that a scenario names.
 
-    Raises ScenarioError for an unknown sensor, and for one that cannot be loaded or created.
+    Raises ScenarioError for an unknown sensor, and for a sensor that cannot be loaded or created.
     """
     found = {}
     for name in scenario.estimate.sensors:

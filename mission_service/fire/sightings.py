@@ -11,13 +11,13 @@ from firemodel.assimilation.observation import UNSEEN, Observation
 
 
 class Mosaic(NamedTuple):
-    """The last sighting of each cell in a window until ``at_s``."""
+    """The last sighting of each cell in a window, up to ``at_s``."""
 
     at_s: float
     here: Place  # the window
     state: NDArray[np.uint8]  # (y, x) UNSEEN, UNBURNED or BURNED
     seen_s: Floats  # (y, x) the time of the sighting
-    position_sd_m: float  # the largest value of its observations
+    position_sd_m: float  # the largest among its observations
 
     def observation(self) -> Observation:
         """Return the sightings as one observation at ``at_s``."""
@@ -26,7 +26,7 @@ class Mosaic(NamedTuple):
 
 
 class Sightings:
-    """The last sighting of each cell, since the last call of ``taken``.
+    """The last sighting of each cell since the last call of ``taken``.
 
     ``state`` (y, x) is UNSEEN, UNBURNED or BURNED; ``seen_s`` (y, x) is the time of the sighting,
     -infinity in unseen cells.
@@ -37,7 +37,7 @@ class Sightings:
         self.state = np.full(shape, UNSEEN, dtype=np.uint8)
         self.seen_s = np.full(shape, -np.inf)
         self._is_empty = True
-        self.position_sd_m = 0.0  # the largest value of the observations
+        self.position_sd_m = 0.0  # the largest among the observations
 
     def copy(self) -> "Sightings":
         """Return an independent copy."""
@@ -46,7 +46,7 @@ class Sightings:
         return found
 
     def add(self, seen: Observation) -> None:
-        """Add an observation without errors of detection (``observation_in``)."""
+        """Add an observation without detection errors (``observation_in``)."""
         self._add_cells(seen.where, seen.state, np.full(seen.state.shape, seen.at_s))
         self.position_sd_m = max(self.position_sd_m, seen.position_sd_m)
 

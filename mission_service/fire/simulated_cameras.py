@@ -1,7 +1,7 @@
-"""Observe the simulated fire with the cameras of vehicles. No other module reads this fire.
+"""Observe the simulated fire with the vehicles' cameras. No other module reads this fire.
 
-In a simulation and in a live run, the fire advances with the clock; in a replay, the fire advances
-with the events of a journal.
+In a simulation and in a live run, the fire advances with the clock; in a replay, with the events of
+the journal.
 """
 
 import msgspec
@@ -35,13 +35,13 @@ class SimulatedCameras:
         self.fire.advance(at_us)
 
     def observe(self, fix: Telemetry) -> Observed | None:
-        """Return the image of a vehicle's camera from a position if one is due, or None."""
+        """Return a vehicle's camera image from a position if one is due, or None."""
         return self.seen_from(fix) if self._views.is_due(fix) else None
 
     def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
         """Return the image from a position, or None off the landscape.
 
-        ``wider_cells`` is added to the footprint of the camera on each side.
+        ``wider_cells`` is added to the camera footprint on each side.
         """
         self.fire.advance(fix.at_us)
         settings = self._errors.settings
@@ -97,5 +97,5 @@ def cameras_of(scenario: Scenario, landscape: Landscape) -> SimulatedCameras | N
 def fires_of_run(
     cameras: SimulatedCameras | None, estimate: RunEstimate
 ) -> tuple[SimulatedCameras | RunEstimate, ...]:
-    """Return the fires of a run, which process the same events independently of each other."""
+    """Return the fires of a run, each of which processes the same events independently."""
     return (estimate,) if cameras is None else (cameras, estimate)

@@ -28,13 +28,13 @@ class SimulatedFire:
             self.fire.advance(at_s)
 
     def light(self, points: Sequence[tuple[float, float]], at_s: float) -> None:
-        """Light the burnable cells of a point or line (lat, lon) at ``at_s``, or now if later."""
+        """Ignite the burnable cells of a point or line (lat, lon) at ``at_s``, or now if later."""
         for row, col in cells_lit(points, self.landscape):
             self.fire.light(row, col, max(at_s, self.fire.time_s))
 
 
 def simulated_fire_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire | None:
-    """Return the simulated fire of a scenario, or None without a table [simulation.fire]."""
+    """Return a scenario's simulated fire, or None if it has no table [simulation.fire]."""
     section = scenario.simulation.fire
     if section is None:
         return None
@@ -47,7 +47,7 @@ def simulated_fire_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire
 def simulated_weather(scenario: Scenario) -> WeatherStream:
     """Return the weather that drives the simulated fire and moves simulated vehicles.
 
-    The result is the scenario's weather, changed by the keys of [simulation.fire].
+    The result is the scenario's weather, modified by the keys of [simulation.fire].
     """
     reported, section = weather_of(scenario), scenario.simulation.fire or SimulatedFireSection()
     if section == SimulatedFireSection(spread_factor=section.spread_factor):

@@ -1,7 +1,7 @@
-"""Compare the observations of sources, and find sources that contradict the others. Pure.
+"""Compare observations from several sources, and find those that contradict the others. Pure.
 
 Sources are cameras, and the people and detectors that report observations. A burned cell stays
-burned. If a cell is burned in an observation of one source, and unburned in a later observation of
+burned. If a cell is burned in an observation from one source but unburned in a later one from
 another source, one of the two sources is wrong. This rule holds for any fire and requires no model
 of fire spread.
 """
@@ -15,22 +15,22 @@ from firemodel.arrays import Floats, Place, bounds_of, widened
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation
 from mission_service.fire.sightings import Sightings
 
-COMPARED_EVERY_S = 5.0  # interval of the comparisons of one source
+COMPARED_EVERY_S = 5.0  # interval between comparisons of one source
 REMEMBERED_S = 900.0  # age up to which sightings are compared
 FORGOTTEN_S = 600.0  # time in which the weight of a comparison falls to 1/e
-MIN_CELLS = 20.0  # weight of the cells that two sources must have in common
+MIN_CELLS = 20.0  # minimum weight of the cells observed by both of two sources
 CONTRADICTORY = 0.1  # sources contradict each other if they differ in more than this share of cells
-BESIDE_CELLS = 3  # only burned cells this near to unburned cells are compared
-WITHIN_SD = 2.0  # cells within this many standard deviations of a front are not compared
+BESIDE_CELLS = 3  # only burned cells this close to unburned cells are compared
+WITHIN_SD = 2.0  # cells this many standard deviations or fewer from a front are not compared
 MAX_STATED = 0.2  # stated fractions of missed and false cells are tolerated up to this value
 MAX_REPORTERS = 8  # latest sources of reports, which are compared
-MAX_COMPARED = 20_000  # of more cells, only every second, third, ... row and column is compared
+MAX_COMPARED = 20_000  # if there are more cells, only every second, third, ... row and column is
 
 
 class Comparison(NamedTuple):
-    """The weights of the cells in which two sources agree and contradict each other.
+    """The weights of the cells in which two sources agree and in which they contradict each other.
 
-    ``stated`` is the largest fraction of wrong cells that one of the sources has stated.
+    ``stated`` is the largest fraction of wrong cells stated by either source.
     """
 
     at_s: float = 0.0
@@ -51,7 +51,7 @@ class Comparison(NamedTuple):
         )
 
     def at_odds(self, at_s: float) -> bool | None:
-        """Return whether the sources contradict each other; None with too few cells in common."""
+        """Return whether the sources contradict each other; None if they share too few cells."""
         _, agree, contradict, stated = self.with_cells(at_s, 0, 0)
         count = agree + contradict
         return contradict > (CONTRADICTORY + stated) * count if count >= MIN_CELLS else None
@@ -61,11 +61,11 @@ class Seen(NamedTuple):
     """The last sightings of a source."""
 
     last: Sightings
-    burned_since_s: Floats  # (y, x) first sighting as burned, of cells last seen as burned
+    burned_since_s: Floats  # (y, x) first sighting as burned, for cells last seen as burned
 
     def include(self, image: Observation) -> None:
         """Add an image; the later of two sightings of a cell is kept."""
-        state = self.last.state[image.where]  # a view, which the next line changes
+        state = self.last.state[image.where]  # a view, which the next line modifies
         before = state == BURNED
         self.last.add(image)
         self.burned_since_s[image.where][(state == BURNED) & ~before] = image.at_s
@@ -97,7 +97,7 @@ class SourceAgreement:
         self.add_image(report)
 
     def add_image(self, image: Observation) -> None:
-        """Add an image without errors of detection (``observation_in``)."""
+        """Add an image without detection errors (``observation_in``)."""
         source = image.source
         if source not in self._seen:
             self._seen[source] = Seen(Sightings(self._shape), np.full(self._shape, -np.inf))
@@ -144,7 +144,7 @@ class SourceAgreement:
         return frozenset() if disagree or len(others) <= len(found) else frozenset(found)
 
     def contradictions(self) -> dict[str, str]:
-        """Return a text about each source that contradicts others, by the name of the source."""
+        """Return a text about each source that contradicts others, by source name."""
         found = {
             one: f"the observations of {one} and {other} contradict each other; check both"
             for (one, other), compared in sorted(self._compared.items())
@@ -163,14 +163,15 @@ class SourceAgreement:
 
 
 def _compared(image: Observation, seen: Seen, reach: int) -> tuple[int, int]:
-    """Return the numbers of cells in which an image and another source agree and contradict.
+    """Return the numbers of cells in which an image and another source agree and disagree.
 
     Cells within ``reach`` cells of the front between burned and unburned cells of the same source
     do not count as contradictions.
     """
     recent = np.abs(seen.last.seen_s[image.where] - image.at_s) <= REMEMBERED_S
     other = np.where(recent, seen.last.state[image.where], UNSEEN)
-    # Only the surroundings of cells are compared that both sources observed, one of them as burned.
+    # Only the surroundings of cells that both sources observed, and one of them as burned, are
+    # compared.
     both = (image.state != UNSEEN) & (other != UNSEEN)
     margin = max(reach, BESIDE_CELLS)
     part = _widened_window(bounds_of(both & ((image.state == BURNED) | (other == BURNED))), margin)

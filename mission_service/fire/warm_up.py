@@ -1,4 +1,4 @@
-"""Compiles the kernels of the fire before flight; the first compilation takes many seconds."""
+"""Compiles the fire's kernels before flight; the first compilation takes many seconds."""
 
 from dataclasses import replace
 
@@ -20,15 +20,15 @@ LAT_DEG, LON_DEG = 36.0, -84.0
 CELLS, CELL_SIZE_M = 40, 30.0
 GROWS_S = 900.0
 # Radii of the burned area in successive images. After several images, the fire drops its unused
-# points; the number of images is large enough for this.
+# points; there are enough images for this.
 CORRECTED_TO_CELLS = 12 * (10.0, 5.0)
 
 
 def warm_up(scenario: Scenario) -> None:
-    """Burn a small fire with the scenario's scheme, in changing wind, and correct it by images.
+    """Burn a small fire with the scenario's scheme in changing wind, and correct it with images.
 
-    Each kernel of the estimated and of the simulated fire is called at least once, which compiles
-    the kernel or loads it from the disk cache.
+    Each kernel of the estimated and the simulated fire is called at least once, which compiles it
+    or loads it from the disk cache.
     """
     small = _small(scenario)
     level = landscape_of(small)
@@ -76,7 +76,7 @@ def _small(scenario: Scenario) -> Scenario:
 
 
 def _with_trees(level: Landscape) -> Landscape:
-    """Return a landscape with the layers that crown fire needs."""
+    """Return a landscape with the layers required for crown fire."""
     layers = (np.full(level.shape, value, np.float32) for value in (0.6, 15.0, 2.0, 0.15))
     cover, height, base, density = layers
     return replace(
@@ -89,7 +89,7 @@ def _with_trees(level: Landscape) -> Landscape:
 
 
 def _line() -> SuppressionLine:
-    """Return a control line beside the ignition, which is built while the fire burns."""
+    """Return a control line beside the ignition that is built while the fire burns."""
     lon_deg = LON_DEG + 2e-3
     points = ((LAT_DEG - 1e-3, lon_deg), (LAT_DEG + 1e-3, lon_deg))
     return SuppressionLine(points=points, rate_m_h=1000.0)

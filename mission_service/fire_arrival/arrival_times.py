@@ -1,4 +1,4 @@
-"""Lists the times at which the fire reaches places, and raises alarms about them. Pure."""
+"""Lists when the fire reaches places, and raises alarms about these arrivals. Pure."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -14,9 +14,9 @@ from mission_service.fire_arrival.places import Kind, Place
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 SHARES = (0.1, 0.5, 0.9)  # probabilities of the three arrival times
-END_FACTOR = 1.2  # an alarm ends when the early arrival is later than its limit times this factor
-# A text changes when the early arrival has changed by this share of the remaining time, and by this
-# time at least.
+END_FACTOR = 1.2  # an alarm ends when the early arrival exceeds its limit times this factor
+# A text changes when the early arrival has changed by this share of the remaining time, and by at
+# least this time.
 CHANGED_SHARE, CHANGED_S = 0.1, 60.0
 
 
@@ -51,7 +51,7 @@ def fire_arrivals(
     Args:
         places: n places.
         times_s: Times (3, n) of the probabilities ``SHARES``, infinity for none.
-        at: The present mission time, and the wall clock (microseconds since 1970), None if mission
+        at: The current mission time, and the wall clock (microseconds since 1970), None if mission
             time does not pass as real time.
         until_us: The end of the forecast in mission time.
     """
@@ -85,7 +85,7 @@ def _order(arrival: FireArrival) -> tuple[float, float, str]:
 
 
 class ArrivalAlarm(NamedTuple):
-    """An alarm about a place; its text was made when the early arrival was ``early_us``."""
+    """An alarm about a place; its text was composed when the early arrival was ``early_us``."""
 
     severity: Severity
     text: str
@@ -105,7 +105,7 @@ class ArrivalAlarms:
         self._alarms: dict[str, ArrivalAlarm] = {}
 
     def present(self, arrivals: Iterable[FireArrival]) -> dict[str, ArrivalAlarm]:
-        """Return the present alarms by the key of their place."""
+        """Return the current alarms, by the key of their place."""
         found = {}
         for each in arrivals:
             alarm = self._alarm_of(each, self._alarms.get(each.key))

@@ -34,7 +34,7 @@ class People:
             self._people.popitem(last=False)
 
     def current(self, unix_us: int) -> list[Person]:
-        """Return the people in the order of their identifiers, and remove outdated ones."""
+        """Return the people sorted by identifier, and remove those with outdated positions."""
         oldest_us = unix_us - round(MAX_POSITION_AGE_S * 1e6)
         for uid in [uid for uid, each in self._people.items() if each.at_unix_us < oldest_us]:
             del self._people[uid]

@@ -28,8 +28,8 @@ class Place(NamedTuple):
     """A place that the fire may reach.
 
     ``cells`` are flat indices of the landscape's grid, at least one. ``key`` is unique and
-    permanent; ``lat_deg`` and ``lon_deg`` are a point of the place. ``at_unix_us`` is the time of a
-    person's position, None for other places.
+    permanent; ``lat_deg`` and ``lon_deg`` are those of a point of the place. ``at_unix_us`` is the
+    time of a person's position, None for other places.
     """
 
     key: str
@@ -93,10 +93,10 @@ def values_in(
 
 
 def _cells_near(shape: BaseGeometry, landscape: Landscape, distance_m: float) -> NDArray[np.intp]:
-    """Return the cells (flat indices) with a centre near a shape (longitude, latitude).
+    """Return the cells (flat indices) whose centres are near a shape (longitude, latitude).
 
-    The largest distance is ``distance_m``, and at least half the diagonal of a cell, so that a
-    point on the landscape is near at least one centre.
+    The largest distance is ``distance_m``, but at least half a cell diagonal, so that a point on
+    the landscape is near at least one centre.
     """
 
     def projected(lon_lat: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -105,7 +105,7 @@ def _cells_near(shape: BaseGeometry, landscape: Landscape, distance_m: float) ->
     on_map = shapely.transform(shape, projected)
     reach_m = max(distance_m, landscape.cell_size_m / math.sqrt(2.0))
     bounds_m = shapely.bounds(on_map)
-    if not np.isfinite(bounds_m).all():  # too far away for the projection
+    if not np.isfinite(bounds_m).all():  # too far away for projection
         return np.empty(0, dtype=np.intp)
     west_m, south_m, east_m, north_m = bounds_m
     rows, cols = landscape.shape

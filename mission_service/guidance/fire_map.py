@@ -1,4 +1,4 @@
-"""The on-board fire map of Islam & Hu (table 1), which stores the fire as a camera observes it.
+"""The on-board fire map of Islam & Hu (table 1), which stores the fire as observed by a camera.
 
 The map has 360 whole-degree bearings, clockwise from north, around a centre (the ignition cell or
 the fire's centre). For each bearing the map stores the outer cell (the front at the last view), the
@@ -20,7 +20,8 @@ from firemodel.compiled import compiled
 BEARINGS = 360
 
 LARGEST_GAP_CELLS = 3.0  # maximum distance between neighbours on the front
-# A front cell is on an island if burned ground on its bearing is farther out by more than this.
+# A front cell is at the edge of an unburned island if burned ground on its bearing extends more
+# than this distance beyond the cell.
 ISLAND_CELLS = 1.0
 
 _RADIANS = np.deg2rad(np.arange(BEARINGS))
@@ -33,7 +34,7 @@ Floats = NDArray[np.float64]
 def polar(
     rows: Floats, cols: Floats, centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Return the whole-degree bearing and the distance (in cells) from the centre to each cell."""
+    """Return the whole-degree bearing and the distance (in cells) of each cell from the centre."""
     north = centre_row - rows
     east = cols - centre_col
     bearing = np.rint(np.rad2deg(np.arctan2(east, north))).astype(np.int64) % BEARINGS
@@ -72,7 +73,7 @@ def front_in_window(window):  # type: ignore[no-untyped-def]
 
 
 class FireMap:
-    """A fire map that stores the observed outer and inner cell on each bearing.
+    """A fire map that stores the outer and inner cells observed on each bearing.
 
     ``baseline_s`` is the minimum time between the two visits from which a spread rate is computed.
     If ``baseline_s`` is 0, the map works as in the paper: whenever a new front cell is seen on a
@@ -95,12 +96,12 @@ class FireMap:
         self._grid = _grid_around(shape, centre_row, centre_col)
         self.outer = np.full(BEARINGS, np.nan)
         self.outer_at_s = np.full(BEARINGS, np.nan)
-        # Listing 2, iii: at first the ignition point is the inner cell.
+        # Listing 2, iii: initially, the ignition point is the inner cell.
         self.inner = np.zeros(BEARINGS)
         self.inner_at_s = np.full(BEARINGS, float(ignited_at_s))
         self._next_inner = self.inner.copy()
         self._next_inner_at_s = self.inner_at_s.copy()
-        # The farthest cell seen burned so far; the front is never nearer.
+        # The farthest cell seen burned so far; the front is never nearer than this.
         self.burned = np.zeros(BEARINGS)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -126,7 +127,7 @@ class FireMap:
         return np.asarray(in_view)
 
     def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Apply an operator's correction, a window that may set burned ground to unburned."""
+        """Apply an operator's correction: a window that may reset burned ground to unburned."""
         not_burned, still_burned = taken_back(
             row, col, window, (self.centre_row, self.centre_col), self.burned
         )
@@ -153,7 +154,7 @@ class FireMap:
     def spread_rate_cells_s(self, smoothing_deg: int = 0) -> Floats:
         """Return the spread rate (eq. 1, >= 0) on each bearing, averaged over ± ``smoothing_deg``.
 
-        With 0 there is no averaging.
+        A value of 0 means no averaging.
         """
         rate = _rate(self.outer, self.outer_at_s, self.inner, self.inner_at_s)
         return circular_mean(rate, smoothing_deg)
@@ -177,7 +178,7 @@ def taken_back(
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:
-    """Return the moving mean of values on a circle, over ``half_width`` neighbours on each side."""
+    """Return the circular moving mean of values, over ``half_width`` neighbours on each side."""
     if half_width <= 0:
         return values
     padded = np.concatenate([values[-half_width:], values, values[:half_width]])
@@ -251,7 +252,7 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
     for bearing in range(BEARINGS):
         elapsed_s = outer_at_s[bearing] - inner_at_s[bearing]
         moved = outer[bearing] - inner[bearing]
-        if elapsed_s > 0.0 and moved > 0.0:  # NaN, before the front has been seen, fails both tests
+        if elapsed_s > 0.0 and moved > 0.0:  # NaN (front not yet seen) fails both tests
             found[bearing] = moved / elapsed_s
     return found
 

@@ -64,10 +64,10 @@ class Steered(Protocol):
         """Update the map from a window seen by this vehicle's camera."""
 
     def correct(self, observed: Observed) -> None:
-        """Apply an operator's correction, a window that overrides earlier views."""
+        """Apply an operator's correction: a window that overrides earlier views."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Apply a wind measured by this vehicle's autopilot.
+        """Apply a wind measurement from this vehicle's autopilot.
 
         ``from_deg`` is the direction from which the wind blows, clockwise from true north.
         """
@@ -123,7 +123,7 @@ def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecisio
 
 
 class Compared(NamedTuple):
-    """The importance of each cell of the front for a vehicle at this position, for display.
+    """The importance of each cell of the front for a vehicle at its position, for display.
 
     ``rows``, ``cols`` and ``values`` are float arrays (n), which begin at the vehicle and continue
     along the front behind the vehicle. ``back`` is the sum of ``values`` over the window behind the
@@ -142,7 +142,7 @@ class ComparesParts(Protocol):
     """A planner that compares parts of the front for its decision."""
 
     def compared(self, row: float, col: float, at_s: float) -> Compared:
-        """Return the importance and the position of each part of the front; changes no state."""
+        """Return the importance and the position of each part of the front; change no state."""
 
 
 class Awaited(NamedTuple):
@@ -181,7 +181,7 @@ class Guidance(ABC):
 
     @abstractmethod
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return the commands for a vehicle that flies and has endurance left."""
+        """Return the commands for a vehicle that is flying and has endurance left."""
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Return commands to fly home at the end of the endurance; None if ``Return`` suffices."""
@@ -196,7 +196,7 @@ class Guidance(ABC):
         """Return a mission that follows a path and loiters at its end."""
 
     def send_to(self, name: str, path_m: Floats | None) -> None:
-        """Send a vehicle along a path, (n, 2) x, y in metres; after None its planner leads.
+        """Send a vehicle along a path (n, 2; x, y in metres); None returns it to its planner.
 
         Only for ways of flying with ``relieves``.
         """
@@ -211,30 +211,30 @@ class Guidance(ABC):
         raise NotImplementedError
 
     def task_path(self, name: str, x_m: float, y_m: float) -> Floats | None:
-        """Return the path of a vehicle's planner from a position on; None before its task begins.
+        """Return the path planned for a vehicle from a position; None before its task begins.
 
         The path is (n, 2) x, y in metres. Only for ways of flying with ``relieves``.
         """
         raise NotImplementedError
 
     def in_mission(self, name: str) -> bool:
-        """Return whether this airborne vehicle flies the mission on board."""
+        """Return whether this airborne vehicle is flying the mission on board."""
         return True
 
     def further_commands(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Return further commands after an event that has caused the commands ``leaving``."""
+        """Return further commands after an event that caused the commands ``leaving``."""
         return []
 
     # For operators and interfaces -----------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return the state for interfaces; ``complete``: nothing is lost if the run ends now."""
+        """Return the state for interfaces; if ``complete``, nothing is lost if the run ends now."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """Return the mission that a renewal would send now, or None; change no state."""
+        """Return the mission that an update would send now, or None; change no state."""
         return None
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:

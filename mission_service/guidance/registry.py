@@ -1,4 +1,4 @@
-"""The ways of flying in this package; other packages add ways of flying by entry points.
+"""The ways of flying in this package; other packages add ways of flying through entry points.
 
 ``config/rule_lookup.py`` finds the way of flying for a rule, in this package or in another package.
 """

@@ -34,16 +34,16 @@ FIRST_MISSION = later("mission_service.missions.first_mission:approach_mission")
 
 @dataclass(frozen=True, slots=True)
 class WayOfFlying:
-    """A way of flying, with the functions that make its parts.
+    """A way of flying, with the functions that create its parts.
 
     Attributes:
         rules: The values of ``planner.rule`` that select this way of flying.
-        guidance: Makes the guidance of a run.
+        guidance: Creates the guidance of a run.
         warm_up: Compiles all kernels before the first flight.
-        section: The model of the scenario's table that has the rule's name.
+        section: The model of the scenario table named after the rule.
         check: Raises ValueError for a scenario that cannot be flown.
-        first_mission: Makes the first mission of a vehicle that is at home.
-        along_front: Whether planners decide the direction, and missions are renewed as the front
+        first_mission: Creates the first mission of a vehicle that is at home.
+        along_front: Whether planners decide the direction, and missions are replaced as the front
             moves.
         reads_fronts: Whether planners use the fronts of the estimated fire (``FrontsEstimated``).
         prescribed: Whether vehicles ignite the unit in the table ``[burn]``. Operators then approve
@@ -57,9 +57,9 @@ class WayOfFlying:
         rates_hz: The message rates that differ from the defaults, by message id.
         relieves: Whether vehicles may relieve each other: each has a separate planner, which one
             vehicle hands over to the next.
-        return_height_m: Computes the safe height above home for a return. None leaves the
+        return_height_m: Computes the safe height above home for a return. None keeps the
             autopilot's setting.
-        lock: Makes the lock, the last check of commands, if the scenario's tables need one.
+        lock: Creates the lock, the last check of commands, if the scenario's tables need one.
     """
 
     rules: tuple[str, ...]

@@ -1,1 +1,1 @@
-"""The interfaces of a run for operators and other programs."""
+"""The interfaces of a run to operators and programs."""

@@ -80,7 +80,7 @@ FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
 
 
 def metrics_of(context: RunContext) -> tuple[bytes, str]:
-    """Return the metrics in the text format of Prometheus, and its media type."""
+    """Return the metrics in Prometheus text format, and its media type."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(MetricsCollector(context))
     ProcessCollector(registry=registry)  # process_cpu_seconds_total and others

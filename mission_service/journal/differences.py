@@ -42,7 +42,7 @@ def compare(journal: object, replay: object) -> str:
 def fields_that_differ(
     journal: object, replay: object, most: int = MAX_FIELDS
 ) -> list[dict[str, Any]]:
-    """Return the first differing fields of two commands, also nested ones, with both values."""
+    """Return two commands' first differing fields, including nested ones, with both values."""
     recorded, replayed = msgspec.to_builtins(journal), msgspec.to_builtins(replay)
     return list(islice(_fields(recorded["type"], recorded, replayed), most))
 

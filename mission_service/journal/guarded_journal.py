@@ -1,7 +1,7 @@
 """Writes a journal to a disk that may fail; during a failure only aborts are handled.
 
 During a disk failure, the service answers operators' requests with an error and does not handle
-events of vehicles. The vehicles fly the missions on board, which end in a loiter. Commands already
+vehicle events. The vehicles fly the missions on board, which end in a loiter. Commands already
 issued, and aborts with their commands, are buffered in memory. The buffered lines are written first
 after the failure, so that the journal can be replayed.
 """

@@ -1,12 +1,12 @@
-"""Writes and reads a journal of JSON Lines, with each event before the commands that it causes.
+"""Writes and reads a JSON Lines journal, with each event before the commands that it causes.
 
 The first line is the header (versions, seed, scenario, landscape). Each further line contains one
-event or one command; a last line marks the regular end of the run. Every line ends in a checksum
+event or one command; a final line marks the regular end of the run. Every line ends in a checksum
 that depends on all earlier lines after the header, so that a changed, lost, added or moved line is
 detected. The checksum of the header covers only the header.
 
-An event is written before the event is handled. Each line that is written can be read back: a line
-is decoded before it is written, and refused if the result differs (msgspec writes NaN as null) or a
+An event is written before the event is handled. Every written line can be read back: a line is
+decoded before it is written, and refused if the result differs (msgspec writes NaN as null) or a
 value exceeds the limits of its type. Only the owner can read the files of a journal and of its
 states. A symbolic link in place of such a file is refused.
 """
@@ -99,7 +99,7 @@ class Journal:
             body: The event's ``event_body``, if the caller has computed it.
 
         Raises:
-            RefusedEventError: The event as read back would differ from the event.
+            RefusedEventError: The event would differ when read back.
             OSError: The event could not be written.
         """
         body = event_body(event) if body is None else body
@@ -128,7 +128,7 @@ class Journal:
             self._repair()
 
     def end(self) -> None:
-        """Write the last line, the mark of a regular end; no line may follow."""
+        """Write the final line, which marks a regular end; no line may follow."""
         self.write_lines([_END + b"true"], to_disk=True)
 
     def close(self) -> None:
@@ -393,7 +393,7 @@ class SegmentReader:
 
 
 def _lines_in(file: BinaryIO, first_bytes: int) -> int:
-    """Read the first bytes of a file and return the number of line ends in them."""
+    """Read the first bytes of a file and return the number of line ends in it."""
     count = 0
     while first_bytes > 0 and (block := file.read(min(first_bytes, 1 << 20))):
         count += block.count(b"\n")

@@ -18,7 +18,7 @@ LINK = "is a symbolic link, and files of a run must not be links; remove it"
 
 
 def opened(path: Path, flags: int) -> int:
-    """Return a descriptor of the opened file. Raises OSError, with ELOOP for a symbolic link."""
+    """Open a file and return its descriptor. Raises OSError, with ELOOP for a symbolic link."""
     return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, FILE_MODE)
 
 

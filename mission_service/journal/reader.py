@@ -23,7 +23,7 @@ SKIPPED = b'{"event":{"type":"LinesSkipped"'
 
 
 class JournalReader:
-    """The journal of a run, from its oldest segment on. Raises JournalError if unreadable.
+    """The journal of a run, from its oldest segment onwards. Raises JournalError if unreadable.
 
     If the first segments were deleted, the initial core and fire are those of the state that was
     saved at the beginning of the oldest existing segment.
@@ -65,7 +65,7 @@ class JournalReader:
 
     @cached_property
     def landscape(self) -> Landscape:
-        """The landscape. Raises JournalError for another landscape than in the recorded run."""
+        """The landscape. Raises JournalError if it differs from that of the recorded run."""
         found, recorded = landscape_of(self.scenario), self.readers[0].header["landscape_sha256"]
         if found.digest() != recorded:
             raise JournalError(

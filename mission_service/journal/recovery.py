@@ -1,7 +1,8 @@
-"""Resumes a run after a kill: loads the newest state and applies the rest of the journal to it.
+"""Resumes a killed run: loads the newest state and applies the rest of the journal to it.
 
-No command is executed again. The outcome of transfers and orders in progress at the kill is
-unknown. The event ``Resumed``, which follows the last event, ends these transfers and orders.
+No command is executed again. The outcome of transfers and orders in progress when the run was
+killed is unknown. The event ``Resumed``, which follows the last event, ends these transfers and
+orders.
 
 A line that cannot be read or handled ends a restart with an error that names the line. With
 ``--skip-unreadable`` the line is skipped. The event ``LinesSkipped`` records the skipped line, so
@@ -135,13 +136,13 @@ class InterruptedRun:
     ) -> Iterator[tuple[AnyEvent, list[AnyCommand]]]:
         """Yield each event with the commands that ``handle`` (a method of the core) returns.
 
-        After a skipped line, and up to the ``LinesSkipped`` that records the line, the readable
+        After a skipped line, and up to the ``LinesSkipped`` that records it, the readable
         commands of the journal are yielded instead, because the live run has executed them.
 
         Raises JournalError if the core's commands differ from the journal's, and UnhandledLineError
         if ``handle`` raises an exception (``skip_line`` can then skip the line). After the last
-        event ``last_us`` is the latest mission time, and ``missing`` are commands of the last event
-        that the journal lacks. The missing commands were not executed, because commands are
+        event, ``last_us`` is the latest mission time, and ``missing`` are commands of the last
+        event that the journal lacks. The missing commands were not executed, because commands are
         journalled before they are executed.
         """
         sure, self.missing = True, ()
@@ -165,7 +166,7 @@ class InterruptedRun:
             yield turn.event, commands
 
     def skips(self, at_us: int) -> LinesSkipped | None:
-        """Return the event that records the lines that this restart skips, or None."""
+        """Return the event that records the lines skipped by this restart, or None."""
         lines = tuple((*line, why) for line, why in self.newly_skipped.items())
         return LinesSkipped(at_us, "service", "", lines) if lines else None
 

@@ -34,7 +34,7 @@ def closed_segments(path: Path) -> dict[int, Path]:
 
 
 def journal_of(segment: Path) -> Path | None:
-    """Return the journal of a closed segment; None for a file with another kind of name."""
+    """Return the journal of a closed segment; None for a file with a different kind of name."""
     found = re.fullmatch(r"(.+)-\d{6}", segment.stem)
     return None if found is None else segment.with_name(found[1] + segment.suffix)
 
@@ -70,7 +70,7 @@ def synced(path: Path) -> None:
 
 
 def complete(path: Path) -> None:
-    """Complete a change of segments after a kill interrupted it, and remove incomplete files."""
+    """Complete a segment change that a kill interrupted, and remove incomplete files."""
     new = next_path(path)
     if new.exists():
         if path.exists():
@@ -99,8 +99,8 @@ def trim(path: Path, keep_bytes: int) -> list[Path]:
     """Delete the oldest segments while the total size exceeds ``keep_bytes``, and return them.
 
     A segment that would become the oldest is also deleted if the state at its beginning is missing,
-    because the segment could then not be replayed. The state is missing if the run was killed
-    before the state was written.
+    because it could not be replayed. The state is missing if the run was killed before the state
+    was written.
     """
     closed, deleted = closed_segments(path), list[Path]()
     size = sum(each.stat().st_size for each in (path, *closed.values(), *states(path)))
@@ -166,7 +166,7 @@ class Chain:
                 yield reader, entry
 
     def _places(self, place: Rest) -> Iterator[tuple[SegmentReader, Rest]]:
-        """Yield each segment from a position on, with the position at which to start reading."""
+        """Yield each segment from a position on, and the position at which to start reading."""
         before: SegmentReader | None = None
         for reader in self.readers:
             if reader.segment < place.segment:

@@ -3,9 +3,9 @@
 The first line is JSON (``Header``), with the state's position in the journal. The rest is one
 compressed pickle of all objects, which preserves references between the objects. Objects that are
 created from the scenario in a restart (landscape, scenario) are stored by name only. A state is
-read only by the code that wrote the state, with the same versions of libraries; otherwise a restart
-replays the journal, which takes longer. Because unpickling executes code, a file that other users
-could have written is refused.
+read only by the code that wrote it, with the same library versions; otherwise a restart replays the
+journal, which takes longer. Because unpickling executes code, a file that other users could have
+written is refused.
 """
 
 import hashlib
@@ -78,7 +78,7 @@ class Known:
 
     @cached_property
     def scenario(self) -> str:
-        """The digest of the scenario, and of its grids of wind if there are any."""
+        """The digest of the scenario, and of its wind grids if there are any."""
         found = digest_of(self._of[0])
         return found if self._wind is None else f"{found} {self._wind.digest()}"
 
@@ -89,7 +89,7 @@ class Known:
 
 
 def _wind_grids(scenario: Scenario) -> WindGrids | None:
-    """Return the grids that all entries of a scenario with grids or terrain wind share."""
+    """Return the wind grids that all entries of a scenario with grids or terrain wind share."""
     if scenario.wind_grids is None and scenario.terrain_wind is None:
         return None
     fields = (entry.wind_field for entry in weather_of(scenario).entries)
@@ -114,7 +114,7 @@ def digest_of(scenario: Scenario) -> str:
 
 @cache
 def code_digest() -> str:
-    """Return the digest of the packages' source and the versions of interpreter and libraries."""
+    """Return the digest of the packages' source and of the interpreter and library versions."""
     digest = hashlib.sha256()
     root = Path(__file__).parents[2]
     for package in OURS:
@@ -133,7 +133,7 @@ class Frozen:
     """Pickled objects, which do not change when the original objects change."""
 
     def __init__(self, objects: dict[str, Any], shared: Known) -> None:
-        """Pickle the objects in about the time of a copy; ``write`` may then run in a thread."""
+        """Pickle the objects in about the time a copy takes; ``write`` may then run in a thread."""
         pickled, buffers = _pickled(objects, shared)
         self.parts = [pickled, *(bytes(each.raw()) for each in buffers)]
         self.shared = shared

@@ -1,4 +1,4 @@
-"""Receives the sources of other aircraft (table ``[surveillance]``) in a live run.
+"""Receives data on other aircraft from the sources in ``[surveillance]`` in a live run.
 
 Received bytes are collected and decoded a few times a second, because batches cost less than single
 messages. A source that cannot be reached, is silent or sends too much raises an alarm.
@@ -17,7 +17,7 @@ from mission_service.surveillance.aircraft_table import AircraftDecoder
 EVERY_S = 0.25
 CONNECT_S = 5.0
 MIN_WAIT_S, MAX_WAIT_S = 1.0, 30.0
-MAX_BUFFER = 256 * 1024  # bytes between two times of decoding; more are discarded
+MAX_BUFFER = 256 * 1024  # maximum bytes between two decodings; more are discarded
 ALARM = "surveillance"
 UDP_FORMATS = ("gdl90", "cot")
 
@@ -45,14 +45,14 @@ class SourceReceiver:
         return self.rejected + self._decoder.rejected
 
     def collect(self, data: bytes) -> None:
-        """Add received bytes; discard them if too many wait."""
+        """Add received bytes; discard them if too many are waiting."""
         self._received_us = clock_us()
         self._dropped |= len(self._buffer) + len(data) > MAX_BUFFER
         if len(self._buffer) + len(data) <= MAX_BUFFER:
             self._buffer += data
 
     def connected(self) -> None:
-        """Begin a new connection, in which the first bytes begin a message."""
+        """Begin a new connection, whose first bytes begin a message."""
         self.rejected += self._decoder.rejected
         self._decoder, self._failure = self._new_decoder(), ""
         self._buffer.clear()
@@ -63,7 +63,7 @@ class SourceReceiver:
         self._failure = reason
 
     def pump(self) -> str:
-        """Decode the collected bytes; return the problem of the source, or an empty text."""
+        """Decode the collected bytes; return the source's problem, or an empty text."""
         data, self._buffer = bytes(self._buffer), bytearray()
         dropped, self._dropped = self._dropped, False
         if data:
@@ -136,7 +136,7 @@ def _listening(address: tuple[Any, ...], family: int) -> socket.socket:
 
 
 async def receive_aircraft(context: RunContext, section: SurveillanceSection) -> None:
-    """Receive the sources of a run until cancelled, and show their problems as alarms."""
+    """Receive from a run's sources until cancelled, and show their problems as alarms."""
     receivers = [SourceReceiver(each, context, section.silent_s) for each in section.sources]
     table = context.service.aircraft.table
     context.gauges["aircraft_tracked"] = lambda: float(len(table.tracks))

@@ -110,7 +110,8 @@ async def serve(
     _warm_up(scenario, landscape, notice)
     announcements = _Announcements()
     async with contextlib.AsyncExitStack() as stack:
-        # Open ports and control socket first: if one is in use, an earlier journal stays unchanged.
+        # Open the ports and the control socket first: if one is in use, an earlier journal stays
+        # unchanged.
         listening = stack.enter_context(claimed(run.out / NAME))
         run_interfaces = interfaces_of(
             run.settings,
@@ -222,7 +223,7 @@ async def _run_tasks(
 
 
 class _Announcements:
-    """The announcements of links and journal, buffered until the engine exists."""
+    """Announcements from the links and the journal, buffered until the engine exists."""
 
     def __init__(self) -> None:
         self.engine: Engine | None = None
@@ -460,7 +461,7 @@ async def _stop_ordered(context: RunContext) -> None:
 
 
 async def _fly(on_it: list[Link], context: RunContext) -> None:
-    """Pass events to the service, from all vehicles on one connection, until cancelled."""
+    """Pass events from all vehicles on one connection to the service until cancelled."""
     connection = on_it[0].connection
     while True:
         await connection.wait()

@@ -1,6 +1,6 @@
 """Applies the inputs of the estimate in a thread, so that the event loop is not blocked.
 
-Inputs are applied one after the other. Each input is journalled before it is applied. If the run is
+Inputs are applied one after another. Each input is journalled before it is applied. If the run is
 killed between these two steps, the resumed run applies the input.
 """
 
@@ -13,11 +13,11 @@ from mission_service.events import AnyOperatorEvent
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.request_handler import ReportOutcome
 
-LOOK_EVERY_S = 0.1  # interval of the check for images; a report is applied at once
+LOOK_EVERY_S = 0.1  # interval between checks for images; a report is applied at once
 
 
 class EstimateWorker:
-    """The task that applies the inputs of the estimate, and returns outcomes of reports."""
+    """The task that applies the inputs of the estimate, and returns the outcomes of reports."""
 
     def __init__(self, service: Engine, now_us: Callable[[], int], flush: Callable[[], None]):
         """Set the clock of the links, and the function that sends the resulting frames."""

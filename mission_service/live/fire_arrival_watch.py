@@ -1,4 +1,4 @@
-"""Computes when the fire reaches people and values at risk, and raises alarms about it."""
+"""Computes when the fire reaches people and values at risk, and raises alarms."""
 
 import asyncio
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from mission_service.runtime.state_view import StateView
 
 ALARM = "fire_arrival"
 COMPARED_S = 3.0  # duration of the first comparison of mission time and wall clock
-REAL_TIME_SHARE = 0.2  # difference of the rates of the clocks up to which they agree
+REAL_TIME_SHARE = 0.2  # largest difference between clock rates that count as equal
 
 
 def values_of(section: FireArrivalSection, landscape: Landscape) -> list[Place]:
@@ -31,7 +31,7 @@ def values_of(section: FireArrivalSection, landscape: Landscape) -> list[Place]:
     found: list[Place] = []
     stems = [path.stem for path in section.values]
     for number, path in enumerate(section.values, start=1):
-        # Keys are unique: files of equal names in different folders are numbered.
+        # Keys are unique: files with equal names in different folders are numbered.
         group = path.stem if stems.count(path.stem) == 1 else f"{path.stem}-{number}"
         found += values_in(path, landscape, section.distance_m, group)
     return found
@@ -62,7 +62,7 @@ async def _arrivals(
     values: Sequence[Place],
     clocks: "ClockComparison",
 ) -> list[FireArrival]:
-    """Return the present arrivals at people and values. Raises FireModelError."""
+    """Return the current arrivals at people and values. Raises FireModelError."""
     unix_us, now_us = wall_us(), context.clock.now_us
     people = context.people.current(unix_us)
     land, distance_m = context.landscape, section.distance_m
@@ -80,17 +80,17 @@ class ClockComparison:
     """Compares mission time with the wall clock since the start of the watch."""
 
     def __init__(self, now_us: int, unix_us: int) -> None:
-        """Start at a mission time and a time of the wall clock."""
+        """Start at a mission time and a wall-clock time."""
         self._began_us, self._began_unix_us = now_us, unix_us
 
     def is_real_time(self, now_us: int, unix_us: int) -> bool:
-        """Return whether mission time passes as real time; simulated flights may be faster."""
+        """Return whether mission time passes in real time; simulated flights may be faster."""
         rate = (now_us - self._began_us) / max(unix_us - self._began_unix_us, 1)
         return abs(rate - 1.0) < REAL_TIME_SHARE
 
 
 def _show(view: StateView, alarms: dict[str, ArrivalAlarm]) -> None:
-    """Raise the present alarms, clear the others, and mark the arrivals as changed."""
+    """Raise the current alarms, clear the others, and mark the arrivals as changed."""
     raised = {f"{ALARM}/{key}": alarm for key, alarm in alarms.items()}
     for key in [key for key in view.alarms if key.partition("/")[0] == ALARM]:
         if key not in raised:

@@ -113,6 +113,6 @@ def request_handler_of(
 
 
 def flush(links: dict[str, Link]) -> None:
-    """Send the frames that wait on all links."""
+    """Send the frames that are waiting on all links."""
     for on_it in connected(links):
         on_it[0].connection.flush()

@@ -1,7 +1,7 @@
-"""Plans a climb before a mission, for a plane that is too low for the first legs of the mission.
+"""Plans a climb before a mission for a plane that is too low for the mission's first legs.
 
 The legs clear the terrain at their planned altitudes. A plane that is much lower reaches these only
-after some distance, and rising ground may be nearer. It then climbs in a loiter first.
+after some distance, and rising ground may be nearer. In that case, it first climbs in a loiter.
 """
 
 import math
@@ -19,8 +19,8 @@ from mission_service.missions.landing import place_e7
 from mission_service.missions.orbits import Place, highest_ground_m
 
 Floats = NDArray[np.float64]
-CLEARANCE_M = 30.0  # least height above ground in a climb
-BEARINGS, AWAY_RADII = 12, (2.0, 4.0)  # places of the loiter around the plane
+CLEARANCE_M = 30.0  # minimum height above ground in a climb
+BEARINGS, AWAY_RADII = 12, (2.0, 4.0)  # candidate loiter places around the plane
 
 
 def with_climb(
@@ -30,18 +30,18 @@ def with_climb(
     position: Position,
     speed_m_s: float,
 ) -> tuple[MissionItem, ...]:
-    """Return a mission that first climbs in a loiter, if a climb on its legs would be too low.
+    """Return a mission that first climbs in a loiter if a climb along its legs would be too low.
 
-    Too low is less than 30 m above the ground, or lower than now. The loiter is at the first
-    position of the mission, or near the plane over lower ground. The mission is unchanged if it can
-    be flown, or if no loiter has more clearance.
+    Too low means less than 30 m above ground and less than the current height. The loiter is at the
+    mission's first position, or near the plane over lower ground. The mission is unchanged if it
+    can be flown as it is, or if no loiter has more clearance.
 
     Args:
         items: The mission of a plane in the air, with altitudes above mean sea level.
         section: The vehicle; it climbs by ``climb_m_s``.
         landscape: The terrain.
         position: x, y and altitude above mean sea level, in metres.
-        speed_m_s: Highest speed over ground in the climb.
+        speed_m_s: Maximum ground speed in the climb.
     """
     places = mission_places(items, landscape, 0.0)
     path = [place.position for place in places]
@@ -75,7 +75,7 @@ def with_climb(
 
 
 def without_climb(items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-    """Return a mission without the loiter in which it first climbs."""
+    """Return a mission without its initial climb loiter."""
     first = next((seq for seq, item in enumerate(items) if has_position(item.command)), 0)
     climbs = bool(items) and items[first].command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT
     return (*items[:first], *items[first + 1 :]) if climbs else items
@@ -84,9 +84,9 @@ def without_climb(items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
 def _least_height_m(
     landscape: Landscape, position: Position, path: Sequence[Position], gradient: float
 ) -> float:
-    """Return the least height above ground on a path that is entered at a lower altitude.
+    """Return the least height above ground on a path that is joined at a lower altitude.
 
-    The vehicle climbs by ``gradient`` metres a metre up to the altitudes of the path.
+    The vehicle climbs by ``gradient`` metres per metre up to the altitudes of the path.
     """
     least_m, flown_m = math.inf, 0.0
     for start, end in zip([(*position[:2], path[0][2]), *path], path, strict=False):
@@ -103,7 +103,7 @@ def _least_height_m(
 
 
 def _places(position: Position, first: Position, radius_m: float) -> Iterator[Place]:
-    """Yield the places of the loiter, the preferred one first."""
+    """Yield candidate loiter places, the preferred one first."""
     yield first[:2]
     yield position[:2]
     for away_m in (radii * radius_m for radii in AWAY_RADII):
@@ -118,7 +118,7 @@ def _places(position: Position, first: Position, radius_m: float) -> Iterator[Pl
 def _height_around_m(
     landscape: Landscape, section: VehicleSection, position: Position, centre: Place
 ) -> float:
-    """Return the least height above ground, at the present altitude, on the way to a loiter."""
+    """Return the least height above ground on the way to a loiter at the current altitude."""
     reach_m = LOITER_RADIUS_FACTOR * section.loiter_radius_m
     ground_m = max(
         highest_ground_m(landscape, position[:2], centre, section.turn_radius_m),
@@ -135,7 +135,7 @@ def _altitude_m(
     path: Sequence[Position],
     gradient: float,
 ) -> float:
-    """Return the altitude at which the vehicle leaves the loiter: the path is then clear."""
+    """Return the altitude at which the vehicle leaves the loiter, so that the path is clear."""
     ground_m = max(
         highest_ground_m(landscape, position[:2], centre, section.turn_radius_m),
         highest_ground_m(landscape, centre, path[0][:2], section.turn_radius_m),

@@ -1,7 +1,8 @@
-"""Plans the takeoff of vehicles, up to the altitude of their missions.
+"""Plans the takeoff of vehicles up to the altitude of their missions.
 
-A plane climbs ahead. A VTOL climbs vertically, becomes a plane on a straight line away from home,
-and climbs on in a loiter at the end of this line. Line and loiter are clear of the terrain.
+A plane climbs straight ahead. A VTOL climbs vertically, transitions on a straight line away from
+home, and continues its climb in a loiter at the end of this line. The line and the loiter clear the
+terrain.
 """
 
 import math
@@ -41,11 +42,11 @@ def takeoff_items(
         section: The vehicle.
         landscape: The terrain.
         altitude_amsl_m: The altitude at the end of the climb.
-        toward_m: The x, y to which the mission leads; a VTOL departs in this direction if the
-            terrain permits.
+        toward_m: The x, y that the mission leads to; a VTOL departs in this direction if terrain
+            permits.
 
     Raises:
-        ScenarioError: A VTOL has no departure that is clear of the terrain.
+        ScenarioError: A VTOL has no departure that clears the terrain.
     """
     if section.kind != "vtol":
         return (takeoff(section.home_lat_deg, section.home_lon_deg, altitude_amsl_m),)
@@ -69,7 +70,7 @@ def takeoff_items(
 def _departure(
     section: VehicleSection, landscape: Landscape, home_m: Floats, bearing_deg: float
 ) -> tuple[float, float]:
-    """Return the course of a VTOL's departure, and its height above home."""
+    """Return the course and the height above home of a VTOL's departure."""
     leg_m = vtol_leg_m(section)
     along_m = np.arange(0.0, leg_m + landscape.cell_size_m, landscape.cell_size_m / 2.0)
     for turn_deg in COURSES_DEG:

@@ -1,4 +1,4 @@
-"""Plans the first mission of a vehicle, from takeoff to the fire."""
+"""Plans a vehicle's first mission, from takeoff to the fire."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ def approach_path(scenario: Scenario, landscape: Landscape, start_m: tuple[float
 def approach_mission(
     scenario: Scenario, section: VehicleSection, landscape: Landscape
 ) -> tuple[MissionItem, ...]:
-    """Return the first mission of a vehicle: take off, fly to the fire, loiter there."""
+    """Return a vehicle's first mission: take off, fly to the fire, loiter there."""
     home = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     return mission_along(
         approach_path(scenario, landscape, home),

@@ -1,8 +1,8 @@
 """Converts a path over the ground to mission items.
 
-Every mission ends in an unlimited loiter, so that a vehicle without a link stays at a safe place.
+Every mission ends in an unlimited loiter, so that a vehicle without a link stays in a safe place.
 Altitudes are above mean sea level. Each leg, flown as a straight line between its ends, clears the
-terrain under it by the configured height.
+terrain below it by the configured height.
 """
 
 import math
@@ -35,20 +35,20 @@ LeastAltitude = Callable[[Floats], Floats]
 
 
 def no_least(points_m: Floats) -> Floats:
-    """Return -inf as the minimum altitude at points (n, 2), so that only the terrain counts."""
+    """Return -inf as the minimum altitude at points (n, 2), so that only terrain matters."""
     return np.full(len(points_m), -np.inf)
 
 
 def flyable(path_m: Floats, turn_radius_m: float, min_leg_m: float, tolerance_m: float) -> Floats:
-    """Return a path (m, 2) with fewer and longer legs than ``path_m`` (n, 2); x, y in metres.
+    """Return a path (m, 2) with fewer, longer legs than ``path_m`` (n, 2); x, y in metres.
 
-    The path is simplified to ``tolerance_m``. A point is omitted if the leg to the point is shorter
-    than ``min_leg_m``, or too short for a fly-by turn at the point (turn radius times the tangent
-    of half the turn angle). The last point is always kept.
+    The path is simplified to ``tolerance_m``. A point is omitted if the leg to it is shorter than
+    ``min_leg_m``, or too short for a fly-by turn there (turn radius times the tangent of half the
+    turn angle). The last point is always kept.
     """
     if len(path_m) < 3:
         return path_m
-    # Points are rounded to a micrometre, because GEOS divides by zero for points that are closer.
+    # Points are rounded to a micrometre, because GEOS divides by zero for closer points.
     line = shapely.simplify(shapely.LineString(np.round(path_m, 6)), tolerance_m)
     points = shapely.get_coordinates(line)
     points[0], points[-1] = path_m[0], path_m[-1]
@@ -77,7 +77,7 @@ def leg_altitudes_m(
 ) -> list[float]:
     """Return an altitude above sea level for each point so that all legs clear the terrain.
 
-    The last point is a loiter, for which the terrain within ``around_last_m`` counts. ``min_at``
+    The last point is a loiter, for which terrain within ``around_last_m`` is considered. ``min_at``
     gives the minimum altitude at points (n, 2), independent of the terrain.
     """
     highest = [
@@ -100,7 +100,7 @@ def _along(start_m: Floats, end_m: Floats, landscape: Landscape) -> Floats:
 
 
 def _above_ground_beside_m(points_m: Floats, landscape: Landscape) -> list[float]:
-    """Return an altitude for each point at which all legs clear the ground beside them.
+    """Return an altitude for each point such that all legs clear the ground beside them.
 
     A plane may fly beside a leg: before and after turns, and while it holds for an upload.
     """
@@ -147,10 +147,10 @@ def mission_along(
 ) -> tuple[MissionItem, ...]:
     """Return the mission along a path (x, y in metres), with an unlimited loiter at its end.
 
-    Each mission first sets the speed (after a takeoff), because autopilots reset the speed when the
-    mode changes. If the vehicle has ``camera_trigger_m``, its camera takes images up to the end of
-    the path. ``landing`` follows the loiter, for autopilots that require a landing. ``start_m`` is
-    the position of a vehicle in the air.
+    Each mission first sets the speed (after any takeoff), because autopilots reset the speed when
+    the mode changes. If the vehicle has ``camera_trigger_m``, the camera takes images up to the end
+    of the path. ``landing`` follows the loiter, for autopilots that require a landing. ``start_m``
+    is the position of a vehicle in the air.
     """
     points = flyable(path_m, vehicle.turn_radius_m, vehicle.min_leg_m, landscape.cell_size_m / 2)
     altitudes = leg_altitudes_m(

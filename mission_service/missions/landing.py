@@ -1,9 +1,9 @@
-"""Plans the approach of a fixed-wing vehicle to home, and the landing at the end of its missions.
+"""Plans a fixed-wing vehicle's approach to home, and the landing at the end of its missions.
 
 With PX4's default for planes (MIS_TKO_LAND_REQ = 2) a mission without a landing is rejected. The
-landing follows the unlimited loiter, so the landing is flown only if an operator selects its items.
-A VTOL flies to home at the height of its approach, stops there and sinks vertically.
-``landing_mission.py`` plans the missions that only land.
+landing follows the unlimited loiter, so it is flown only if an operator selects its items. A VTOL
+flies home at approach height, stops there and descends vertically. ``landing_mission.py`` plans
+missions that only land.
 """
 
 import math
@@ -27,11 +27,11 @@ Floats = NDArray[np.float64]
 
 GLIDE_DEG = 4.5  # PX4 rejects glides steeper than FW_LND_ANG, by default 5 degrees
 APPROACH_HEIGHTS_M = (50.0, 75.0, 100.0, 125.0, 150.0)
-VTOL_HEIGHTS_M = (40.0, *APPROACH_HEIGHTS_M)  # of a VTOL's changes between hover and flight
+VTOL_HEIGHTS_M = (40.0, *APPROACH_HEIGHTS_M)  # heights of a VTOL's transitions
 VTOL_DECELERATION_M_S2, VTOL_SETTLES_M = 1.0, 100.0  # PX4 and ArduPlane brake with 2 m/s2
 CLEARANCE_M = 30.0
-SHIFT_M = 100.0  # a mission that only lands has its approach up to this distance before home
-UNCHECKED_M = 300.0  # last part of the glide, which is always near the ground
+SHIFT_M = 100.0  # in missions that only land, the approach may end this far short of home
+UNCHECKED_M = 300.0  # final part of the glide, which is always near the ground
 NOTHING: BaseGeometry = shapely.Polygon()
 COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 
@@ -42,14 +42,14 @@ def needs_landing(section: VehicleSection) -> bool:
 
 
 def hovers_on(section: VehicleSection) -> bool:
-    """Return whether a vehicle that hovers would fly its next mission in hover: PX4's VTOL."""
+    """Return whether a hovering vehicle would fly its next mission in hover, like PX4's VTOL."""
     return section.kind == "vtol" and section.stack == "px4"
 
 
 class Approach(NamedTuple):
     """A straight approach to home from a clockwise loiter, both clear of the terrain.
 
-    ``centre_m`` is the x, y of the loiter's centre; ``height_m`` of the loiter is above home;
+    ``centre_m`` is the x, y of the loiter's centre; ``height_m`` is the loiter's height above home;
     ``length_m`` is the length of the straight line.
     """
 
@@ -60,7 +60,7 @@ class Approach(NamedTuple):
 
 
 class Landing:
-    """The landing at the end of a vehicle's missions, if required, into the scenario's wind."""
+    """The landing, into the scenario's wind, at the end of a vehicle's missions if required."""
 
     def __init__(self, scenario: Scenario, section: VehicleSection, landscape: Landscape) -> None:
         """Plan the landing at the scenario's start. Raises ScenarioError if none is possible."""
@@ -69,17 +69,17 @@ class Landing:
         self._needed = needs_landing(section)
         self._weather = weather_of(scenario) if section.winged else None
         self._items: tuple[MissionItem, ...] = ()
-        self._wind_from_deg = math.nan  # wind direction for which the items are planned
+        self._wind_from_deg = math.nan  # wind direction for which the items were planned
         self.closed = NOTHING
         self.items_at(scenario.start_s)
 
     def keep_clear_of(self, closed: BaseGeometry) -> None:
-        """Plan the landing again if the area that the approach should not enter has changed."""
+        """Replan the landing if the area that the approach should not enter has changed."""
         if not closed.equals(self.closed):
             self.closed, self._wind_from_deg = closed, math.nan
 
     def items_at(self, at_s: float) -> tuple[MissionItem, ...]:
-        """Return the items of a landing into the wind at a mission time; () if none is needed."""
+        """Return the items of a landing into the wind at a given time; () if none is needed."""
         if self._weather is None or not self._needed:
             return ()
         wind_from_deg = self._weather.weather_at(at_s).wind_from_deg
@@ -97,7 +97,7 @@ class Landing:
         return self._landscape.xy_of_lat_lon(loiter.x / 1e7, loiter.y / 1e7)
 
     def wind_at(self, at_s: float) -> tuple[float, float]:
-        """Return speed (m/s) and direction (from, degrees) of the scenario's wind at a time."""
+        """Return the scenario's wind at a given time: speed (m/s) and direction (from, degrees)."""
         assert self._weather is not None, "multirotors land without a mission"
         weather = self._weather.weather_at(at_s)
         return weather.wind_speed_m_s, weather.wind_from_deg
@@ -109,7 +109,7 @@ def landing_of(
     wind_from_deg: float,
     closed: BaseGeometry = NOTHING,
 ) -> tuple[MissionItem, ...]:
-    """Return DO_LAND_START, a loiter down to the approach height, and a landing at home.
+    """Return DO_LAND_START, a loiter down to approach height, and a landing at home.
 
     Altitudes are above home, as required for touchdown. Raises ScenarioError if no approach is
     clear.
@@ -130,9 +130,9 @@ def approach_of(
 ) -> Approach:
     """Return the approach to home.
 
-    The course is ``landing_course_deg`` if this is set. Otherwise the course is as close to the
-    wind direction as a terrain clearance of ``CLEARANCE_M`` under approach and loiter permits, and
-    does not enter the area ``closed`` if there is such an approach. Raises ScenarioError if no
+    The course is ``landing_course_deg`` if this is set. Otherwise, the course is as close to the
+    wind direction as a terrain clearance of ``CLEARANCE_M`` along the approach and the loiter
+    permits, and the approach avoids the area ``closed`` if possible. Raises ScenarioError if no
     approach is clear of the terrain.
     """
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
@@ -161,7 +161,7 @@ def approach_of(
 
 
 def _space_of(home_m: Floats, approach: Approach, section: VehicleSection) -> BaseGeometry:
-    """Return the ground under a loiter and a glide, also if the glide ends before home."""
+    """Return the area below a loiter and a glide, even if the glide ends short of home."""
     before_m = approach.centre_m - SHIFT_M * forward_of(approach.course_deg)
     loiters = shapely.MultiPoint([approach.centre_m, before_m])
     discs = loiters.buffer(LOITER_RADIUS_FACTOR * section.loiter_radius_m)
@@ -175,14 +175,14 @@ def forward_of(course_deg: float) -> Floats:
 
 
 def glide_m(height_m: float) -> float:
-    """Return the length of the glide from a height over the ground, in metres."""
+    """Return the horizontal length in metres of a glide from a height above ground."""
     return height_m / math.tan(math.radians(GLIDE_DEG))
 
 
 def vtol_leg_m(section: VehicleSection) -> float:
     """Return the length of a VTOL's straight flight between home and a loiter, in metres.
 
-    The vehicle changes between hover and flight on this line.
+    The transition between hover and forward flight takes place on this line.
     """
     return VTOL_SETTLES_M + section.airspeed_m_s**2 / (2.0 * VTOL_DECELERATION_M_S2)
 
@@ -200,7 +200,7 @@ def loiter_beside(home_m: Floats, course_deg: float, ahead_m: float, radius_m: f
 def _is_clear(
     home_m: Floats, approach: Approach, section: VehicleSection, landscape: Landscape
 ) -> bool:
-    """Return whether the loiter and the line to home are clear of the terrain."""
+    """Return whether the loiter and the line to home clear the terrain."""
     spacing_m = landscape.cell_size_m / 2.0
     first_m = 0.0 if section.kind == "vtol" else UNCHECKED_M
     back_m = np.arange(first_m, approach.length_m + spacing_m, spacing_m)
@@ -219,7 +219,7 @@ def with_rings(
     height_m: float,
     section: VehicleSection,
 ) -> tuple[Floats, Floats]:
-    """Return the points (n, 2) of a line and of a loiter around a place, and their heights (n,)."""
+    """Return the points (n, 2) of a line and a loiter around a place, and their heights (n,)."""
     turns = np.linspace(0.0, math.tau, 72, endpoint=False)
     rings = [
         centre_m + share * section.loiter_radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
@@ -246,7 +246,7 @@ def clears(points_m: Floats, heights_m: Floats, home_m: Floats, landscape: Lands
 def approach_items(
     section: VehicleSection, landscape: Landscape, approach: Approach, touchdown: tuple[int, int]
 ) -> tuple[MissionItem, MissionItem]:
-    """Return the loiter down to the approach height, and the landing at a place in 1e-7 degrees."""
+    """Return the loiter down to approach height, and the landing at a place in 1e-7 degrees."""
     relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
     return (
         MissionItem(
@@ -254,7 +254,7 @@ def approach_items(
             relative,
             *place_e7(landscape, approach.centre_m),
             approach.height_m,
-            param1=1.0,  # exit on the course to the landing
+            param1=1.0,  # exit on course for the landing
             param2=section.loiter_radius_m,
             param4=1.0,  # along the tangent
         ),

@@ -1,9 +1,9 @@
-"""Plans the missions of fixed-wing vehicles that only land: to the approach, down, into the wind.
+"""Plans the landing-only missions of fixed-wing vehicles: to the approach, then down into the wind.
 
 The approach is that of ``landing.py``. The mission also determines where the vehicle holds after a
-go-around: straight ahead if the terrain there is clear, otherwise above the loiter of the approach.
-ArduPlane flies to this place by the items after the landing, PX4 by a command. After a go-around
-PX4's VTOL hovers above home; ArduPlane's climbs there and circles in the loiter of the approach.
+go-around: straight ahead if that is clear of terrain, otherwise above the approach loiter.
+ArduPlane flies there by the items after the landing, PX4 by a command. After a go-around, PX4's
+VTOL hovers above home; ArduPlane's climbs there and circles in the approach loiter.
 """
 
 import math
@@ -41,23 +41,23 @@ from mission_service.missions.landing import (
 
 Floats = NDArray[np.float64]
 
-# PX4 flares towards the point of NAV_LAND and then floats: its planes come to rest this time of
-# flight beyond the point (PX4 1.17 in simulation).
+# PX4 flares towards the NAV_LAND point and then floats: its planes come to rest this flight time
+# beyond the point (PX4 1.17 in simulation).
 PX4_FLOATS_S = 6.3
-# ArduPlane 4.6.2 came to rest between 12 m before its point and 5 m beyond it in seven landings in
-# simulation, in a wind of 10 m/s; the mean is this time multiplied by the headwind or tailwind.
+# In seven simulated landings in a wind of 10 m/s, ArduPlane 4.6.2 came to rest between 12 m short
+# of its point and 5 m beyond it; the mean is this time multiplied by the headwind or tailwind.
 ARDUPLANE_SHORT_S = 0.7
-VTOL_FINAL_M = 30.0  # a VTOL closer to home, below the approach, is on its last leg
-CLIMB_SLOPE = 0.08  # assumed climb after a go-around, which is less than planes climb
-CLIMBS_WITH_CONTINUE = 1.0  # param 1 of CONTINUE_AND_CHANGE_ALT: continue when climbed to it
+VTOL_FINAL_M = 30.0  # a VTOL this close to home and below the approach is on its final leg
+CLIMB_SLOPE = 0.08  # assumed climb gradient after a go-around, less than planes achieve
+CLIMBS_WITH_CONTINUE = 1.0  # param 1 of CONTINUE_AND_CHANGE_ALT: continue once at the altitude
 
 
 class LandingMission(NamedTuple):
     """A mission that only lands.
 
-    ``final_seq`` is the index of its last leg, the landing. A go-around leads to ``height_m`` above
-    home at the position ``around`` (latitude, longitude). The last leg begins closer to home than
-    ``final_m``.
+    ``final_seq`` is the index of its final leg, the landing. A go-around leads to ``height_m``
+    above home at the position ``around`` (latitude, longitude). The final leg begins within
+    ``final_m`` of home.
     """
 
     items: tuple[MissionItem, ...]
@@ -81,10 +81,11 @@ def landing_mission(
     Args:
         section: The vehicle.
         landscape: The terrain.
-        wind: Speed in m/s, and the direction from which the wind blows in degrees.
-        start_m: The position of the vehicle, x, y in metres.
-        min_at: The minimum altitude of the way to the approach, besides that above the terrain.
-        closed: The area that the approach does not enter, if possible; x, y in metres.
+        wind: Speed in m/s, and the direction in degrees from which the wind blows.
+        start_m: The vehicle's position; x, y in metres.
+        min_at: The minimum altitude on the way to the approach, in addition to the terrain
+            clearance.
+        closed: The area that the approach avoids if possible; x, y in metres.
 
     Raises:
         ScenarioError: No approach is clear of the terrain.
@@ -126,7 +127,7 @@ def landing_mission(
 
 
 def _floats_m(section: VehicleSection, headwind_m_s: float) -> float:
-    """Return how far beyond the point of NAV_LAND a plane comes to rest; negative: before it."""
+    """Return how far beyond the NAV_LAND point a plane comes to rest; negative if short of it."""
     if section.kind == "vtol":
         return 0.0
     if section.stack != "px4":
@@ -141,7 +142,7 @@ def _to_approach(
     start_m: tuple[float, float],
     min_at: LeastAltitude,
 ) -> MissionItem:
-    """Return the waypoint over the approach's loiter, at an altitude that is clear on the way."""
+    """Return the waypoint over the approach loiter, at an altitude that clears the way there."""
     points = np.array([start_m, approach.centre_m])
     around_m = 1.5 * section.loiter_radius_m
     altitude_m = leg_altitudes_m(points, landscape, section.altitude_agl_m, around_m, min_at)[-1]
@@ -170,7 +171,7 @@ def _around(
 def _around_items(
     section: VehicleSection, landscape: Landscape, around_m: Floats, height_m: float
 ) -> list[MissionItem]:
-    """Return the items after the landing, by which ArduPlane climbs ahead and then holds."""
+    """Return the items after the landing, by which ArduPlane climbs straight ahead and holds."""
     relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
     place = place_e7(landscape, around_m)
     radius_m = section.loiter_radius_m

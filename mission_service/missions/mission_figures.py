@@ -1,4 +1,4 @@
-"""Computes the figures of a mission that an operator is to accept. Pure."""
+"""Computes the key figures of a mission that awaits an operator's acceptance. Pure."""
 
 import msgspec
 import numpy as np
@@ -29,7 +29,7 @@ class Figures(msgspec.Struct):
 def figures_of(
     items: Items, landscape: Landscape, section: VehicleSection, start_m: tuple[float, float] | None
 ) -> Figures:
-    """Return the figures of a mission; ``start_m`` (x, y) is the position of a flying vehicle."""
+    """Return a mission's figures; ``start_m`` (x, y) is the position of a vehicle in flight."""
     track = track_of(items, landscape, section.loiter_radius_m, start_m)
     x_m, y_m = track.points_m.T
     lowest_m = track.lowest_m - np.asarray(landscape.elevation_at(x_m, y_m))

@@ -1,4 +1,4 @@
-"""Computes the hash by which an operator accepts a mission."""
+"""Computes the hash that identifies a mission when an operator accepts it."""
 
 import hashlib
 from collections.abc import Iterable

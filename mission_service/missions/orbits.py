@@ -1,4 +1,4 @@
-"""Plans circles over terrain: positions, altitudes, and the missions with these circles."""
+"""Plans circles over terrain: their positions and altitudes, and missions that contain them."""
 
 import math
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from mission_service.config.sections import VehicleSection
 Place = tuple[float, float]  # x, y in metres
 Floats = NDArray[np.float64]
 
-CLIMBS_FIRST_M = 100.0  # height above the leg's terrain to which a vehicle climbs before the leg
-CORRIDOR_M = 150.0  # distance to either side of a leg within which terrain counts
+CLIMBS_FIRST_M = 100.0  # a vehicle climbs this high above a leg's terrain before the leg
+CORRIDOR_M = 150.0  # terrain within this distance to either side of a leg counts
 
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """A circle to fly ``climb_m`` above the usual height; a negative radius means anticlockwise."""
+    """A circle flown ``climb_m`` above the usual height; a negative radius means anticlockwise."""
 
     x_m: float
     y_m: float
@@ -37,8 +37,8 @@ class Circle:
 def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: float) -> float:
     """Return the highest ground within a distance of the line between two positions.
 
-    Outside the grid the elevation of the grid's edge counts. Raises FireModelError if the landscape
-    has no elevation.
+    Outside the grid, the elevation of the grid's edge is used. Raises FireModelError if the
+    landscape has no elevation.
     """
     highest_m = max(float(landscape.elevation_at(*place)) for place in (start, end))
     elevation_m = landscape.elevation_m
@@ -68,7 +68,7 @@ def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: f
 def altitude_amsl_m(
     landscape: Landscape, circle: Circle, altitude_agl_m: float, from_m: Place
 ) -> float:
-    """Return the altitude that clears all terrain within a circle and on the leg to the circle."""
+    """Return the altitude that clears all terrain within a circle and on the leg to it."""
     reach_m = LOITER_RADIUS_FACTOR * abs(circle.radius_m)
     ground_m = highest_ground_m(landscape, circle.centre_m, circle.centre_m, reach_m)
     if math.dist(from_m, circle.centre_m) > reach_m:
@@ -86,7 +86,7 @@ def orbit_of(vehicle: str, landscape: Landscape, circle: Circle, altitude_m: flo
 def loiter_mission(
     landscape: Landscape, circle: Circle, altitude_m: float, landing: tuple[MissionItem, ...]
 ) -> tuple[MissionItem, ...]:
-    """Return the mission with an unlimited loiter on a circle, followed by ``landing``."""
+    """Return a mission with an unlimited loiter on a circle, followed by ``landing``."""
     lat_deg, lon_deg = landscape.lat_lon_of(*circle.centre_m)
     place = (float(lat_deg), float(lon_deg))
     return (loiter_unlimited(*place, altitude_m, circle.radius_m), *landing)
@@ -95,7 +95,7 @@ def loiter_mission(
 def first_mission(
     landscape: Landscape, circle: Circle, section: VehicleSection, landing: tuple[MissionItem, ...]
 ) -> tuple[MissionItem, ...]:
-    """Return the mission with a takeoff, a climb clear of the terrain, and a loiter on a circle."""
+    """Return a mission with a takeoff, a climb clear of the terrain, and a loiter on a circle."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     altitude_m = altitude_amsl_m(landscape, circle, section.altitude_agl_m, home_m)
     ground_m = highest_ground_m(landscape, home_m, circle.centre_m, CORRIDOR_M)
@@ -107,7 +107,7 @@ def first_mission(
 def waiting_place(
     number: int, centre_m: Place, reach_m: float, home_m: Place, apart_m: float
 ) -> Place:
-    """Return the waiting position of a vehicle, on the side of the fire that faces its home.
+    """Return a vehicle's waiting position, on the side of the fire that faces its home.
 
     The positions form rows of eight across the line from home to the fire, so that no path leads
     over the fire. The first row is ``reach_m`` from the fire's centre.

@@ -1,4 +1,4 @@
-"""Identifies the mission on board each vehicle by the items read back after a restart."""
+"""Identifies the mission on board each vehicle from the items read back after a restart."""
 
 from collections.abc import Iterable
 
@@ -14,7 +14,7 @@ Items = tuple[MissionItem, ...]
 
 
 def as_uploaded(items: Items, stack: Stack | None) -> Items:
-    """Return a mission in the form that is sent to an autopilot."""
+    """Return a mission in the form in which it is sent to an autopilot."""
     if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
         return yaw_left_open(items)  # a yaw of 0 would turn the vehicle north
     return items
@@ -41,7 +41,7 @@ class MissionsHeld:
             if isinstance(command, UploadMission):
                 held = self._may_hold.setdefault(command.vehicle, [])
                 held.append(command)
-                del held[1 : len(held) + 1 - MAX_HELD]  # the first of them may be on board
+                del held[1 : len(held) + 1 - MAX_HELD]  # the first one may be on board
 
     def recognised(self, vehicle: str, read: Items, stack: Stack) -> int:
         """Return the number of the newest sent mission that equals the mission read back, or 0."""

@@ -1,12 +1,12 @@
-"""Separation of vehicles: altitude layers, and the rule by which one of two vehicles gives way.
+"""Separation of vehicles: altitude layers, and the rule for which of two vehicles gives way.
 
 Layers are heights above the terrain under each leg, and the legs of two vehicles end at different
 points, so that a higher layer may be close to a lower layer over a slope. A mission is therefore
 also placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). Two
-vehicles may fly at nearly the same altitude, because the scenario places them in one layer, or
+vehicles may fly at nearly the same altitude because the scenario places them in the same layer, or
 during a climb or a return. If they approach each other, one moves away from the fire and loiters
-until the other has passed. A plane that lands descends through the layers of others: these keep
-clear of its descent (``descent_of``). Coordinates are in metres, x east, y north.
+until the other has passed. A landing plane descends through the layers of other vehicles, which
+keep clear of its descent (``descent_of``). Coordinates are in metres, x east, y north.
 """
 
 import math
@@ -24,9 +24,9 @@ Floats = NDArray[np.float64]
 
 SPACING_M = 30.0
 AROUND = 16  # samples of a loiter
-NEAR_M = 200.0  # allows for cut corners, loiters, and fronts observed at different times
-MARGIN_M = 10.0  # added to the required separation for errors of altitude control
-AHEAD_S = 25.0  # time of an upload, half a turn and the flight to the waiting position
+NEAR_M = 200.0  # allows for cut corners, loiters and fronts observed at different times
+MARGIN_M = 10.0  # added to the required separation for altitude control errors
+AHEAD_S = 25.0  # time for an upload, half a turn and the flight to the waiting position
 PASSED_M = 1000.0
 NAV_LOITER_UNLIM, NAV_LOITER_TO_ALT, NAV_VTOL_TAKEOFF = 17, 31, 84
 
@@ -41,7 +41,7 @@ class Track:
     box_m: tuple[float, float, float, float] = field(init=False)  # west, south, east, north
 
     def __post_init__(self) -> None:
-        """Compute the bounding box, by which most pairs of tracks are excluded quickly."""
+        """Compute the bounding box, with which most pairs of tracks are quickly ruled out."""
         object.__setattr__(self, "box_m", box_around(self.points_m))
 
 
@@ -53,8 +53,8 @@ def track_of(
 ) -> Track:
     """Return the track of a mission, up to and including one lap of its unlimited loiter.
 
-    From ``start_m`` to the first point the track has that point's altitude. A vertical takeoff,
-    whose height is above home, is left out.
+    From ``start_m`` to the first point, the track has that point's altitude. A vertical takeoff,
+    whose height is relative to home, is omitted.
     """
     last = next(place for place, item in enumerate(items) if item.command == NAV_LOITER_UNLIM)
     with_place = [item for item in items[: last + 1] if has_position(item.command)]
@@ -79,7 +79,7 @@ def track_of(
 
 
 def descent_of(items: tuple[MissionItem, ...], landscape: Landscape, radius_m: float) -> Floats:
-    """Return points (n, 2) of the descent of a landing mission: its loiter, and the last leg."""
+    """Return points (n, 2) of the descent in a landing mission: its loiter and the final leg."""
     place = {item.command: (item.x / 1e7, item.y / 1e7) for item in items}
     touchdown = next(place[command] for command in LANDINGS if command in place)
     home_m = np.array(landscape.xy_of_lat_lon(*touchdown))
@@ -90,7 +90,7 @@ def descent_of(items: tuple[MissionItem, ...], landscape: Landscape, radius_m: f
 
 
 def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
-    """Return the part of a track that is still to be flown from a position."""
+    """Return the part of a track that remains to be flown from a position."""
     first = int(np.argmin(np.hypot(track.points_m[:, 0] - x_m, track.points_m[:, 1] - y_m)))
     return Track(track.points_m[first:], track.lowest_m[first:], track.highest_m[first:])
 
@@ -135,14 +135,14 @@ def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
 
 
 def comes_too_low(track: Track, others: list[Track], separation_m: float) -> bool:
-    """Return whether a mission is less than ``separation_m`` above the tracks below."""
+    """Return whether a mission is less than ``separation_m`` above the tracks below it."""
     return bool(np.any(track.lowest_m < heights_below(track.points_m, others) + separation_m))
 
 
 def is_near(
     own: PositionFix, other: PositionFix, separation_m: float, turn_radius_m: float
 ) -> bool:
-    """Return whether two vehicles at similar altitude are, or will soon be, close to each other."""
+    """Return whether two vehicles at similar altitudes are, or soon will be, close together."""
     if abs(own.altitude_m - other.altitude_m) >= separation_m:
         return False
     near_m = separation_m + 2.0 * turn_radius_m
@@ -181,7 +181,7 @@ def has_passed(
 
 
 def straight_on(fix: PositionFix) -> Floats:
-    """Return points (n, 2) on the course of a vehicle, as far as it flies in ``AHEAD_S``."""
+    """Return points (n, 2) on a vehicle's course, as far as it flies in ``AHEAD_S``."""
     start = np.array([fix.x_m, fix.y_m])
     return along(start, start + AHEAD_S * np.array([fix.east_m_s, fix.north_m_s]))
 
@@ -191,7 +191,7 @@ def avoidance_position(
 ) -> Floats:
     """Return the waiting position (1, 2), ahead and to one side.
 
-    The side is away from the fire, unless the path (n, 2) of the other vehicle is on that side.
+    The side is the one away from the fire, unless the other vehicle's path (n, 2) is on that side.
     """
     speed = max(math.hypot(own.east_m_s, own.north_m_s), 0.1)
     ahead = np.array([own.east_m_s, own.north_m_s]) / speed

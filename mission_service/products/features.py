@@ -19,7 +19,7 @@ def perimeter(incident: Incident) -> Feature:
 
 
 def fronts(incident: Incident) -> list[Feature]:
-    """Return the perimeter now, and at each earlier hour of mission time with a fire."""
+    """Return the perimeter now, and at each earlier hour of mission time at which fire existed."""
     return [
         _polygon(incident, geometry, at_s)
         for at_s in incident.past_times_s()
@@ -140,7 +140,7 @@ def _polygon(
 
 
 def _attributes(incident: Incident, at_s: float, category: str, acres: float) -> dict[str, Any]:
-    """Return the attributes; the time of the record is that of the estimate, not of the writing."""
+    """Return the attributes; the record's time is that of the estimate, not of writing."""
     written_ms = incident.unix_ms(incident.at_s)
     found = event_polygon(incident.name, category, acres, written_ms, incident.unix_ms(at_s))
     return {**{f"poly_{key}": value for key, value in found.items()}, "at_s": at_s}

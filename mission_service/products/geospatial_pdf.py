@@ -16,14 +16,14 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.whole_file import whole_file, write_whole
 from mission_service.products.map_page import MapPage
 
-PNG_DPI, PDF_DPI = 200, 250  # of the raster parts of the PDF
+PNG_DPI, PDF_DPI = 200, 250  # PDF_DPI: raster parts of the PDF
 POINTS_PER_IN = 72.0
-# Corners of the map frame as shares of its width and height, from the lower left.
+# Corners of the map frame as fractions of its width and height, from the lower left.
 CORNERS = ((0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0))
 
 
 def write_png(path: Path, page: MapPage, land: Landscape) -> Path:
-    """Write a page as PNG, with its georeference in a file for GDAL and QGIS, which is returned."""
+    """Write a page as PNG; return the file with its georeference for GDAL and QGIS."""
     with whole_file(path) as part, _quiet():
         page.figure.savefig(part, format="png", dpi=PNG_DPI, metadata={"Software": None})
     sidecar = path.with_name(f"{path.name}.aux.xml")
@@ -66,7 +66,7 @@ def write_pdf(path: Path, page: MapPage, land: Landscape, title: str, made: date
 
     drawn = io.BytesIO()
     facts = {"Title": title, "Creator": "mission-service", "Producer": None, "CreationDate": made}
-    with rc_context({"pdf.fonttype": 42}), _quiet():  # text that can be searched
+    with rc_context({"pdf.fonttype": 42}), _quiet():  # searchable text
         page.figure.savefig(drawn, format="pdf", dpi=PDF_DPI, metadata=facts)
     drawn.seek(0)
     writer = PdfWriter(clone_from=PdfReader(drawn))
@@ -120,5 +120,5 @@ def _viewport(page: MapPage, land: Landscape) -> Any:
 
 
 def _quiet() -> Any:
-    """Ignore warnings about characters that the font does not contain, drawn as boxes."""
+    """Ignore warnings about characters missing from the font, which are drawn as boxes."""
     return warnings.catch_warnings(action="ignore", category=UserWarning)

@@ -1,4 +1,4 @@
-"""Draw the UTM grid of a map, and name its squares by the US National Grid (MGRS on WGS84).
+"""Draw the UTM grid of a map, and name its squares as in the US National Grid (MGRS on WGS84).
 
 The letters follow NGA.STND.0037 (Universal Grids and the MGRS), for WGS84.
 """
@@ -12,7 +12,7 @@ from firemodel.landscape.landscape import Landscape, transformers
 from firemodel.outputs.graticule import Frame, km_of
 
 BANDS = "CDEFGHJKLMNPQRSTUVWX"
-COLUMNS = ("STUVWXYZ", "ABCDEFGH", "JKLMNPQR")  # of zones 0, 1, 2 modulo 3
+COLUMNS = ("STUVWXYZ", "ABCDEFGH", "JKLMNPQR")  # for zones 0, 1, 2 modulo 3
 ROWS = "ABCDEFGHJKLMNPQRSTUV"
 STEPS_KM = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 MAX_LINES = 8
@@ -32,12 +32,12 @@ class UtmZone(NamedTuple):
 
 
 def zone_of(lat_deg: float, lon_deg: float) -> UtmZone:
-    """Return the UTM zone of a position, without the exceptions of Norway and Svalbard."""
+    """Return the UTM zone of a position, ignoring the exceptions for Norway and Svalbard."""
     return UtmZone(int((lon_deg + 180.0) // 6.0) % 60 + 1, lat_deg >= 0.0)
 
 
 def grid_square(lat_deg: float, lon_deg: float) -> str:
-    """Return the grid zone and the square of 100 km, such as ``16S GF``; "" beyond 80° S, 84° N."""
+    """Return the grid zone and the 100 km square, such as ``16S GF``; "" beyond 80° S, 84° N."""
     if not -80.0 <= lat_deg <= 84.0:
         return ""
     zone = zone_of(lat_deg, lon_deg)

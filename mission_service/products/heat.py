@@ -2,8 +2,8 @@
 
 The categories are those of NIROPS (National Infrared Operations) and of the NWCG event standard:
 intense heat is a continuous area of burning ground, scattered heat an area with many separate heat
-sources, and an isolated heat source a single one. An image in the journal states for each cell
-whether it has burned, not how hot it is. Therefore, ground counts as hot if an image of the last
+sources, and an isolated heat source a single one. An image in the journal shows for each cell
+whether it has burned, not how hot it is. Therefore, ground counts as hot if an image from the last
 hour shows it as burned at most half an hour after the estimated arrival of fire. Points that
 sensors or people report as hot or burning in this hour count as heat everywhere.
 """
@@ -21,7 +21,7 @@ from mission_service.fire.observed_window import states_in, without_speckles
 INTENSE, SCATTERED = "IR Intense Heat", "IR Scattered Heat"
 ISOLATED = "IR Isolated Heat Source"
 
-LAST_S = 3600.0  # images of this period are used
+LAST_S = 3600.0  # images from this period are used
 GLOWING_S = 1800.0  # time for which ground is hot after the arrival of fire
 INTENSE_CELLS = 6  # a connected group of at least this many hot cells is intense heat
 SCATTERED_M, SCATTERED_SOURCES = 150.0, 3  # scattered: largest gap, smallest number of sources
@@ -71,7 +71,7 @@ class ObservedHeat:
         here[state == UNBURNED] = -np.inf
 
     def heat(self, arrival_s: Floats, at_s: float) -> Heat:
-        """Return the heat at a time, by the arrival times (y, x) of the estimated fire."""
+        """Return the heat at the given time, using the estimated fire's arrival times (y, x)."""
         seen_s = self._burned_s
         hot = (seen_s >= at_s - LAST_S) & (seen_s <= at_s) & (seen_s - arrival_s <= GLOWING_S)
         places = [each[1:] for each in self._points if at_s - LAST_S <= each[0] <= at_s]

@@ -1,4 +1,4 @@
-"""The state of an incident at a mission time, from which all products are made.
+"""The state of an incident at a given mission time, from which all products are made.
 
 The fire is the estimate of the run, not the simulated fire.
 """
@@ -28,14 +28,14 @@ NOTE = "Estimate of mission-service, not approved by a person. Not for navigatio
 
 
 class InterpreterLine(NamedTuple):
-    """A line of the interpreter's log at a mission time."""
+    """A line of the interpreter's log with its mission time."""
 
     at_s: float
     text: str
 
 
 class ImageTimes(NamedTuple):
-    """The images of a run: their number, and the mission times of the first and the last one."""
+    """The images of a run: their number, and the mission times of the first and the last."""
 
     total: int
     first_s: float | None
@@ -92,7 +92,7 @@ class Incident:
         return f"{local:%Y-%m-%d %H:%M} {local:%Z} ({day}{utc:%H:%M} UTC)"
 
     def area(self, at_s: float) -> Any:
-        """Return the area burned at a time, a shapely MultiPolygon in the landscape's CRS."""
+        """Return the area burned at the given time, a shapely MultiPolygon (landscape's CRS)."""
         return burned_area(self.arrival.arrival_s, self.landscape, at_s, self.arrival.start_area)
 
     @cached_property

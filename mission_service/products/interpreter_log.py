@@ -1,4 +1,4 @@
-"""Write the interpreter's log: the facts of the infrared images and of their interpretation."""
+"""Write the interpreter's log: facts about the infrared images and their interpretation."""
 
 from mission_service.products.incident import HOUR_S, Incident, hectares
 

@@ -21,21 +21,21 @@ from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.run_statistics import RunStatistics
 
 # The ensemble of the forecast starts from the estimate one to two hours before the products,
-# because images of more hours take too long to process.
+# because images from more hours take too long to process.
 ENSEMBLE_EVERY_S = 3600.0
-EARLIEST_YEAR, LATEST_YEAR = 1900, 2999  # of mission time 0
+EARLIEST_YEAR, LATEST_YEAR = 1900, 2999  # for the date of mission time 0
 
 
 def incident_in(
     path: Path, at_s: float | None, forecast_s: float, time_zero: datetime | None
 ) -> Incident:
-    """Return the incident in a journal at a mission time.
+    """Return the incident in a journal at the given mission time.
 
     Args:
-        path: The journal, also of a run that has not ended.
+        path: The journal; its run need not have ended.
         at_s: The mission time; None for the end of the journal.
         forecast_s: The length of the forecast; 0 for none.
-        time_zero: The calendar time of mission time 0, which replaces that of the scenario.
+        time_zero: The calendar time of mission time 0, which replaces the scenario's.
 
     Raises:
         JournalError: The journal cannot be read, or its landscape is not available.
@@ -76,7 +76,7 @@ class _Replay:
         self._ensemble_due_us = start_us + round(ENSEMBLE_EVERY_S * 1e6)
 
     def incident(self, at_s: float | None, forecast_s: float, time_zero: datetime) -> Incident:
-        """Return the incident at a mission time, or at the end of the journal (None)."""
+        """Return the incident at the given mission time, or at the end of the journal (None)."""
         if at_s is not None and at_s < self._scenario.start_s:
             raise RequestError(
                 f"{self._recorded.path}: begins at mission time {self._scenario.start_s:g} s, "

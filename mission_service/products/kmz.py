@@ -69,7 +69,7 @@ def write_kmz(path: Path, incident: Incident, layers: dict[str, list[Feature]]) 
 
 
 def _circle() -> bytes:
-    """Return the icon of points as a PNG, in the file because viewers may be off line."""
+    """Return the point icon as a PNG, embedded in the file because viewers may be offline."""
     from PIL import Image, ImageDraw
 
     image = Image.new("RGBA", (CIRCLE_PIXELS, CIRCLE_PIXELS), (255, 255, 255, 0))
@@ -80,7 +80,7 @@ def _circle() -> bytes:
 
 
 def _add_styles(document: Element) -> None:
-    """Add the styles of all features but fronts."""
+    """Add the styles of all features except fronts."""
     for name, colour, alpha in (
         ("ahead", AHEAD, "00"),
         ("likely", LIKELY, "22"),

@@ -19,13 +19,13 @@ from mission_service.products.incident import LEVELS, NOTE, Incident, hectares
 
 MM = 1.0 / 25.4  # in inches
 MARGIN_IN, TITLE_IN, FOOT_IN, PANEL_IN = 0.35, 0.6, 0.42, 2.5
-LABELS_IN = 0.28  # around the map frame, for the coordinates
+LABELS_IN = 0.28  # space around the map frame for the coordinates
 SCALES = (
     *(2_000, 4_000, 6_000, 8_000, 10_000, 12_000, 15_840, 20_000, 24_000, 31_680, 40_000, 50_000),
     *(63_360, 80_000, 100_000, 126_720, 200_000, 250_000, 500_000, 1_000_000, 2_000_000),
 )  # fmt: skip
 MAX_TITLE = 60  # characters that fit on the page
-FEW_ACRES = 100.0  # smaller areas are written with a decimal
+FEW_ACRES = 100.0  # smaller areas are written with one decimal
 BAR_LENGTHS = (0.02, 0.05, 0.1, 0.2, 0.4, 1, 2, 4, 10, 20, 40, 100)  # km or miles
 AROUND = 1.12  # the map is larger than the fire and its forecast by this factor
 MIN_KM = 1.0
@@ -170,7 +170,7 @@ def _draw_fire(axes: Any, incident: Incident) -> list[Any]:
 
 
 def _label_front(axes: Any, points: Floats, middle: Floats, text: str) -> None:
-    """Write a time at the point (n, 2; km) of a forecast front farthest from the fire's middle."""
+    """Write a time at a forecast front's point (n, 2; km) farthest from the fire's centre."""
     from matplotlib.patheffects import withStroke
 
     place = points[np.argmax(np.hypot(*(points - middle).T))]
@@ -289,7 +289,7 @@ def _is_cut(incident: Incident) -> bool:
 
 
 def _draw_scale_bars(figure: Figure, page: Page, scale: int) -> None:
-    """Draw scale bars in km and miles under the panel."""
+    """Draw scale bars in km and miles below the panel."""
     left, step_in = page.width_in - MARGIN_IN - PANEL_IN + 0.2, 0.3
     for number, (unit, metres) in enumerate((("km", 1000.0), ("mi", 1609.344))):
         length = max(each for each in BAR_LENGTHS if each * metres / scale / 0.0254 <= BAR_IN)

@@ -12,7 +12,7 @@ QUALITY = 85
 
 
 def picture_of(run: Path, photo: str) -> bytes | None:
-    """Return the stored photo of this name as JPEG; None if it is missing or was changed.
+    """Return the stored photo with this name as JPEG; None if it is missing or was modified.
 
     The name of a photo contains the SHA-256 of its bytes. Many viewers of KMZ ignore the
     orientation in EXIF data and do not show WebP.

@@ -29,7 +29,7 @@ ROLES = {
 
 
 def stac_item(incident: Incident, files: dict[str, str]) -> dict[str, Any]:
-    """Return the item of ``files`` (titles by name), which are in the folder of the item."""
+    """Return the item for ``files`` (titles by name), which are in the item's folder."""
     bounds = _bounds(incident)
     west, south, east, north = bounds
     ring = [[west, south], [east, south], [east, north], [west, north], [west, south]]

@@ -34,9 +34,9 @@ SHORT = {
 
 
 def write_geopackage(path: Path, layers: dict[str, list[Feature]], written: datetime) -> None:
-    """Write layers of features (WGS84), each to a table of its name; times are UTC.
+    """Write layers of features (WGS84), each to a table with its name; times are UTC.
 
-    ``written`` is the date of the change in the file's table of contents.
+    ``written`` is the date of modification in the file's table of contents.
     """
     with whole_file(path) as part, _dated(written):
         for number, (name, features) in enumerate(layers.items()):
@@ -44,7 +44,7 @@ def write_geopackage(path: Path, layers: dict[str, list[Feature]], written: date
 
 
 def write_shapefile(path: Path, layer: str, features: Sequence[Feature], written: datetime) -> None:
-    """Write a layer as a Shapefile with .prj and .cpg, zipped; at most 10 characters a name."""
+    """Write a layer as a zipped Shapefile with .prj and .cpg; field names up to 10 characters."""
     renamed = [{**each, "properties": _short(each["properties"])} for each in features]
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / f"{layer}.shp"
@@ -67,7 +67,7 @@ def write_zip(path: Path, contents: dict[str, bytes], written: datetime) -> None
 
 
 def _short(properties: dict[str, Any]) -> dict[str, Any]:
-    """Return attributes with the names of a Shapefile, which stores dates with times as text."""
+    """Return attributes with Shapefile field names; dates with times become text."""
     found = {}
     for name, value in properties.items():
         bare = name.removeprefix("poly_")

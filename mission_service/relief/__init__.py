@@ -1,1 +1,1 @@
-"""Plans the relief of aircraft: sorties and batteries that keep a watch over a fire. Pure."""
+"""Plans the relief of aircraft: the sorties and batteries that keep a watch over a fire. Pure."""

@@ -21,7 +21,7 @@ _Kind = tuple[str, str | int]  # "battery" and pool, "charger" and "", "aircraft
 
 @dataclass(frozen=True, slots=True)
 class Addition:
-    """Additional batteries (pool and number), chargers, and aircraft (names of equal ones)."""
+    """Additional batteries (pool and number), chargers and aircraft (names of equal ones)."""
 
     batteries: tuple[tuple[str, int], ...]
     chargers: int
@@ -46,10 +46,10 @@ class Addition:
 
 
 def smallest_addition(watch: Watch) -> Addition | None:
-    """Return an addition with which a watch has no lapse; None if no tried addition suffices.
+    """Return an addition that leaves a watch without lapses; None if no tried addition suffices.
 
-    If it has at most ``MAX_TRIED`` items, no smaller addition suffices. If it has more, each of its
-    items is needed.
+    If the addition has at most ``MAX_TRIED`` items, no smaller one suffices. If it has more, each
+    of its items is needed.
     """
     kinds = _kinds(watch)
     sizes = (kinds * count for count in range(1, MAX_OF_KIND + 1))
@@ -64,9 +64,9 @@ def smallest_addition(watch: Watch) -> Addition | None:
 
 
 def _thinned(watch: Watch, chosen: list[_Kind]) -> list[_Kind]:
-    """Return an addition without the items that can be left out, tried in turn by kind.
+    """Return an addition without the items that can be omitted, tried in turn by kind.
 
-    The passes are repeated, because an item may become superfluous when another one is left out.
+    The passes are repeated, because an item may become superfluous when another one is omitted.
     """
     before: list[_Kind] = []
     while chosen != before:
@@ -80,7 +80,7 @@ def _thinned(watch: Watch, chosen: list[_Kind]) -> list[_Kind]:
 
 
 def _kinds(watch: Watch) -> list[_Kind]:
-    """Return the kinds of items to add; of equal aircraft only the first."""
+    """Return the kinds of items to add; only the first of equal aircraft is included."""
     return [
         *(("battery", pool) for pool, _ in watch.batteries),
         ("charger", ""),
@@ -89,7 +89,7 @@ def _kinds(watch: Watch) -> list[_Kind]:
 
 
 def _different(watch: Watch) -> Iterator[int]:
-    """Yield the first usable aircraft of each pool and home."""
+    """Yield the index of the first usable aircraft of each pool and home."""
     seen = set()
     for index, each in enumerate(watch.aircraft):
         if watch.usable(each) and (each.pool, each.home) not in seen:

@@ -9,10 +9,10 @@ STEP_M = 50.0
 
 
 def meeting_point(path_m: list[Point], speed_m_s: float, from_m: Point, other_m_s: float) -> Point:
-    """Return the first point of a path that another vehicle reaches before the one on the path.
+    """Return the first point on a path that another vehicle reaches before the one on the path.
 
     The first vehicle is at the beginning of the path (x, y) and flies along it at ``speed_m_s``.
-    The other vehicle flies straight from ``from_m`` at ``other_m_s``. If it is too late at every
+    The other vehicle flies straight from ``from_m`` at ``other_m_s``. If it is too late for every
     point, the result is the end of the path.
     """
     flown_m = 0.0

@@ -23,7 +23,7 @@ def length(time_s: float) -> str:
 
 
 def summary(watch: Watch, plan: ReliefPlan, addition: Addition | None) -> str:
-    """Return a summary: how long the watch is kept up, the first lapse, and what prevents it."""
+    """Return a summary: how long the watch is kept, the first lapse and what prevents it."""
     if not plan.lapses:
         kept = f"kept up for {length(watch.duration_s)}"
         if plan.short_handovers:
@@ -44,7 +44,7 @@ def summary(watch: Watch, plan: ReliefPlan, addition: Addition | None) -> str:
 
 
 def _ends_the_search(watch: Watch, plan: ReliefPlan) -> bool:
-    """Return whether the plan was not continued beyond the watch."""
+    """Return whether the plan was not extended beyond the watch."""
     return watch.duration_s >= CONTINUED_S and plan.repeats_s is None
 
 
@@ -57,7 +57,7 @@ def _afterwards(plan: ReliefPlan) -> str:
 
 
 def aircraft_line(watch: Watch, aircraft: WatchAircraft) -> str:
-    """Return the times of an aircraft's sortie, or why it is not used."""
+    """Return the times of an aircraft's sortie, or why the aircraft is not used."""
     if max(aircraft.out_s, aircraft.back_s) >= NEVER_S:
         return f"{aircraft.name}: not used, the wind prevents the flight to the task or back"
     times = f"{length(aircraft.out_s)} there, {length(aircraft.back_s)} back, "
@@ -68,7 +68,7 @@ def aircraft_line(watch: Watch, aircraft: WatchAircraft) -> str:
 
 
 def table(plan: ReliefPlan) -> str:
-    """Return a line for each sortie, with the charge of its battery; times from first takeoff."""
+    """Return a line per sortie, with its battery's charge; times count from the first takeoff."""
     widths = {
         "aircraft": max([8, *(len(each.aircraft) for each in plan.sorties)]),
         "battery": max([7, *(len(each.battery) for each in plan.sorties)]),

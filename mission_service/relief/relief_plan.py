@@ -1,4 +1,4 @@
-"""Plans a watch: the best of a few greedy schedules, its lapses, and its period. Pure."""
+"""Plans a watch: the best of a few greedy schedules, its lapses and its period. Pure."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -8,8 +8,8 @@ from math import inf, prod
 from mission_service.relief.relief_schedule import Choice, Late, ReliefSchedule
 from mission_service.relief.watch import Lapse, PlannedSortie, ReliefPlan, Watch
 
-CONTINUED_S = 7 * 24 * 3600  # a plan without a lapse is continued to here to find the first lapse
-MAX_SMALLER = 1000  # number of smaller watches that are compared
+CONTINUED_S = 7 * 24 * 3600  # a plan without a lapse is extended to here to find the first one
+MAX_SMALLER = 1000  # maximum number of smaller watches that are compared
 TOO_FAR = (
     "no aircraft can stay on task: its endurance is too short for the flights there and back and "
     "for the overlap"
@@ -20,8 +20,8 @@ def plan_watch(watch: Watch) -> ReliefPlan:
     """Return the plan of a watch with the latest first lapse, and then the largest coverage.
 
     A greedy schedule can become worse with more batteries, chargers or aircraft. Therefore, if
-    there is a lapse, the result is the best plan for the watch and for all smaller watches (if
-    these are at most ``MAX_SMALLER``).
+    there is a lapse, the result is the best plan among those for the watch and all smaller watches
+    (if there are at most ``MAX_SMALLER``).
     """
     best = _best(watch)
     if not best.lapses:
@@ -30,7 +30,7 @@ def plan_watch(watch: Watch) -> ReliefPlan:
 
 
 def is_kept(watch: Watch) -> bool:
-    """Return whether a watch can be kept without a late relief for its whole duration."""
+    """Return whether a watch can be kept for its whole duration without a late relief."""
     return any(_never_late(ReliefSchedule(watch, choice)) for choice in _choices(watch))
 
 
@@ -50,7 +50,7 @@ def _choices(watch: Watch) -> list[Choice]:
 
 
 def _best(watch: Watch) -> ReliefPlan:
-    """Return the best plan by all ways to choose."""
+    """Return the best plan over all choices."""
     return max((planned(watch, choice) for choice in _choices(watch)), key=_merit)
 
 
@@ -78,7 +78,7 @@ def _merit(plan: ReliefPlan) -> tuple[float, ...]:
 
 
 def planned(watch: Watch, choice: Choice) -> ReliefPlan:
-    """Return the plan of a watch by one way to choose."""
+    """Return the plan of a watch for one choice."""
     schedule = ReliefSchedule(watch, choice)
     if not schedule.landed_s:
         lapse = Lapse(0, watch.duration_s, TOO_FAR)
@@ -106,7 +106,7 @@ def _period_s(schedule: ReliefSchedule, states: dict[tuple[object, ...], int]) -
 
 
 def _lapses(watch: Watch, sorties: list[PlannedSortie], late: list[Late]) -> list[Lapse]:
-    """Return the times within the watch with too few aircraft on task."""
+    """Return the periods of the watch with too few aircraft on task."""
     changes = sorted(
         [(max(each.on_task_s, 0), 1) for each in sorties]
         + [(each.leaves_s, -1) for each in sorties]
@@ -127,7 +127,7 @@ def _lapses(watch: Watch, sorties: list[PlannedSortie], late: list[Late]) -> lis
 
 
 def _reason_at(at_s: int, late: list[Late]) -> str:
-    """Return the reason of the relief that is missing at a time."""
+    """Return why a relief is missing at a given time."""
     return next(each.reason for each in late if each.free_s <= at_s < each.arrival_s)
 
 
@@ -139,7 +139,7 @@ def _shifted(
     lapses: list[Lapse],
     repeats_s: int | None,
 ) -> ReliefPlan:
-    """Return the plan of the first ``count`` sorties, with times from the first takeoff."""
+    """Return the plan of the first ``count`` sorties, with times relative to the first takeoff."""
     sorties = sorted(schedule.sorties[:count], key=lambda each: each.takeoff_s)
     begins_s = -min((each.takeoff_s for each in sorties), default=0)
     uncovered_s = sum(each.end_s - each.start_s for each in lapses)

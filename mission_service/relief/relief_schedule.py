@@ -1,9 +1,9 @@
 """Schedules the sorties of a watch by greedy choices, event by event. Pure.
 
-Each of the ``on_task`` stations of the watch is a chain of sorties. The station that is free first
-is served next: its next aircraft takes off as late as possible so that it arrives ``overlap_s``
-before the departure of the present one, or, if this is impossible, as early as possible. It takes
-the battery that was charged first, stays as long as its endurance permits, and its battery goes to
+Each of the ``on_task`` stations of the watch is a chain of sorties. The station that becomes free
+first is served next: its next aircraft takes off as late as possible to arrive ``overlap_s`` before
+the departure of the current one or, if this is impossible, as early as possible. It takes the
+battery that was charged first and stays as long as its endurance permits; its battery then goes to
 the charger that is free first. The watch begins at time 0; takeoffs before it are negative.
 """
 
@@ -27,10 +27,10 @@ SPACING = "takeoffs and landings too close to each other"
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """How a schedule chooses where the greedy rule leaves a choice.
+    """How a schedule decides where the greedy rule leaves a choice.
 
     Attributes:
-        longest: Take the aircraft that can stay longest, instead of the one that landed first.
+        longest: Take the aircraft that can stay longest instead of the one that landed first.
         staggered: Relieve the first aircraft early, so that the stations are not all relieved at
             the same time.
     """
@@ -40,7 +40,7 @@ class Choice:
 
 
 class Late(NamedTuple):
-    """A relief that arrives after the departure of the aircraft before it."""
+    """A relief that arrives after the departure of the previous aircraft."""
 
     free_s: int
     arrival_s: int
@@ -51,7 +51,7 @@ class _Option(NamedTuple):
     """A sortie that an aircraft could fly next."""
 
     number: int  # of the aircraft
-    battery: tuple[int, str]  # charged at, name
+    battery: tuple[int, str]  # time when charged, name
     takeoff_s: int
     arrival_s: int
     leaves_s: int
@@ -66,7 +66,7 @@ class ReliefSchedule:
     free_s: list[int] = field(init=False)  # of each station: departure of its last aircraft
     landed_s: dict[int, int] = field(init=False)  # of each usable aircraft
     charged_s: dict[str, list[tuple[int, str]]] = field(init=False)  # batteries of each pool
-    chargers_s: list[tuple[int, int]] = field(init=False)  # free at, number
+    chargers_s: list[tuple[int, int]] = field(init=False)  # time when free, number
     movements: list[HomeMovements] = field(init=False)
     sorties: list[PlannedSortie] = field(default_factory=list)
     charges: list[BatteryCharge] = field(default_factory=list)
@@ -87,7 +87,7 @@ class ReliefSchedule:
         self.movements = [HomeMovements(watch.spacing_s) for _ in range(homes)]
 
     def plan_next(self, until_s: int) -> bool:
-        """Plan the next sortie; return False if it would arrive at ``until_s`` or later."""
+        """Plan the next sortie; return False if it would arrive at or after ``until_s``."""
         station = min(range(len(self.free_s)), key=lambda each: (self.free_s[each], each))
         free_s = self.free_s[station]
         if free_s >= until_s:
@@ -110,7 +110,7 @@ class ReliefSchedule:
         return True
 
     def _relieved_early(self, option: _Option, station: int) -> _Option:
-        """Return the first sortie at a station with an early end, later for each station."""
+        """Return a station's first sortie, ended early by a share that differs between stations."""
         aircraft = self.watch.aircraft[option.number]
         share_s = (option.leaves_s - option.arrival_s) * (station + 1) // self.watch.on_task
         leaves_s = min(option.leaves_s, max(option.arrival_s, 0) + share_s)
@@ -145,7 +145,7 @@ class ReliefSchedule:
     def _latest_landing(
         self, aircraft: WatchAircraft, takeoff_s: int, free_s: int, latest_s: int
     ) -> int | None:
-        """Return the latest free time of the landing with which a sortie serves the watch."""
+        """Return the latest free landing time with which a sortie serves the watch."""
         arrival_s = takeoff_s + aircraft.out_s
         min_leaves_s = max(arrival_s + self.watch.overlap_s, free_s) + MIN_USEFUL_S
         shortest_s = min_leaves_s + aircraft.back_s + aircraft.landing_s
@@ -153,7 +153,7 @@ class ReliefSchedule:
         return self.movements[aircraft.home].latest(latest_s, from_s)
 
     def _order(self, option: _Option, target_s: int, free_s: int) -> tuple[int, ...]:
-        """Return the key of the best option: the least delay, then by the choice."""
+        """Return the sort key of options: by least delay, then according to the choice."""
         late_s = max(option.arrival_s - free_s, 0)
         short_s = max(option.arrival_s - target_s, 0)
         by_choice = -option.leaves_s if self.choice.longest else self.landed_s[option.number]
@@ -180,7 +180,7 @@ class ReliefSchedule:
             self.charges.append(BatteryCharge(name, number, start_s, end_s))
 
     def _reason(self, free_s: int) -> str:
-        """Return why no aircraft arrives by the departure of the one before it."""
+        """Return why no aircraft arrives by the departure of the previous one."""
         watch = self.watch
         crews = [(n, watch.aircraft[n]) for n in self.landed_s]
         takeoffs = [(n, each, free_s - each.out_s - watch.swap_s) for n, each in crews]
@@ -204,17 +204,17 @@ class ReliefSchedule:
 
     @property
     def _lookback_s(self) -> int:
-        """The longest time between a takeoff and the relief of a station by that aircraft."""
+        """The longest time between an aircraft's takeoff and its relief of a station."""
         watch = self.watch
         out_s = max((watch.aircraft[n].out_s for n in self.landed_s), default=0)
         crowd = 2 * len(watch.aircraft) + 2
         return out_s + watch.overlap_s + watch.swap_s + 2 * watch.spacing_s * crowd
 
     def relative_state(self) -> tuple[object, ...]:
-        """Return what the further schedule depends on, relative to the next relief.
+        """Return the state on which the further schedule depends, relative to the next relief.
 
-        The batteries of a pool are interchangeable, and so are the chargers. Times that are long
-        past are equal.
+        The batteries of a pool are interchangeable, and so are the chargers. Times long past count
+        as equal.
         """
         now_s = min(self.free_s)
         oldest_s = now_s - self._lookback_s

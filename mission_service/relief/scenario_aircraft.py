@@ -19,8 +19,8 @@ from mission_service.vehicles.endurance import (
 from mission_service.vehicles.energy import landing_s
 from mission_service.vehicles.way_home import Vector
 
-SHARED = "battery"  # name of the pool if all aircraft share their batteries
-SAME_HOME_M = 100.0  # homes that are nearer to each other share a runway
+SHARED = "battery"  # pool name if all aircraft share their batteries
+SAME_HOME_M = 100.0  # homes closer together than this share a runway
 
 
 def scenario_aircraft(
@@ -28,10 +28,9 @@ def scenario_aircraft(
 ) -> tuple[WatchAircraft, ...]:
     """Return the vehicles of a scenario as aircraft of a watch over ``task_m`` (x, y).
 
-    The flights take the time that they need in the least favourable wind of the scenario from its
-    first takeoff to the end of the watch. With ``shared``, all batteries fit all aircraft;
-    otherwise all aircraft of the same kind. Raises ScenarioError if a vehicle has no
-    ``endurance_s``.
+    The flight times are those in the scenario's least favourable wind between the first takeoff and
+    the end of the watch. With ``shared``, all batteries fit all aircraft; otherwise, they fit all
+    aircraft of the same kind. Raises ScenarioError if a vehicle has no ``endurance_s``.
     """
     winds = list(_winds(scenario, landscape, duration_s))
     homes: list[Vector] = []
@@ -75,7 +74,7 @@ def _wind(entry: Weather, landscape: Landscape) -> Vector:
 def time_to_task_s(
     section: VehicleSection, landscape: Landscape, home_m: Vector, task_m: Vector, wind_m_s: Vector
 ) -> float:
-    """Return the seconds from takeoff to a task; infinity if the wind prevents the flight.
+    """Return the time from takeoff to a task in seconds; infinity if the wind prevents the flight.
 
     ``home_m`` and ``task_m`` are (x, y) on the map, ``wind_m_s`` is the velocity of the air.
     """
@@ -88,7 +87,7 @@ def time_to_task_s(
 def _amsl_m(
     section: VehicleSection, landscape: Landscape, home_m: Vector, task_m: Vector
 ) -> tuple[float, float]:
-    """Return the altitudes of home, and of the vehicle at the task."""
+    """Return the altitudes of home and of the vehicle at the task."""
     home_amsl_m = float(landscape.elevation_at(*home_m))
     return home_amsl_m, float(landscape.elevation_at(*task_m)) + section.altitude_agl_m
 
@@ -100,14 +99,14 @@ def _flight_times(
     task_m: Vector,
     winds: list[Vector],
 ) -> tuple[int, int]:
-    """Return the longest times of the flights to the task and back, in whole seconds."""
+    """Return the longest flight times to the task and back, in whole seconds."""
     home_amsl_m, task_amsl_m = _amsl_m(section, landscape, home_m, task_m)
     to_task_m = (task_m[0] - home_m[0], task_m[1] - home_m[1])
     to_home_m = (-to_task_m[0], -to_task_m[1])
     return_climb_m = max(home_amsl_m + usual_return_height_m(section) - task_amsl_m, 0.0)
 
     def back_s(wind_m_s: Vector) -> float:
-        """Return the time of the flight home that begins in the opposite direction."""
+        """Return the time of a flight home that begins in the opposite direction."""
         away_m_s = _scaled(to_task_m, section.airspeed_m_s)
         over_ground_m_s = (away_m_s[0] + wind_m_s[0], away_m_s[1] + wind_m_s[1])
         performance = planned_performance(section)
@@ -127,7 +126,7 @@ def _whole(time_s: float) -> int:
 
 
 def _home_number(homes: list[Vector], home_m: Vector) -> int:
-    """Return the index of a home in ``homes``, where a new home is added."""
+    """Return the index of a home in ``homes``, to which a new home is added."""
     for index, each in enumerate(homes):
         if math.dist(each, home_m) <= SAME_HOME_M:
             return index

@@ -1,4 +1,4 @@
-"""Defines the roles of vehicles that fly one task in turn, as a state machine with a table. Pure.
+"""Defines the roles of vehicles that take turns at a task: a state machine with a table. Pure.
 
 stands by --takeoff is due--> relieves --the one on task leaves--> resumes
 resumes --over the place where the task was left--> on task
@@ -6,9 +6,9 @@ relieves --the task has no place yet--> on task
 on task, resumes, relieves --sent home, lost or taken over--> leaves --disarmed--> stands by
 leaves --flies again, and no other vehicle flies the task--> resumes
 
-At most one vehicle is on task, and at most one relieves or resumes. The place of the task is where
-the vehicle on task is, and remains where it left. The ``holder`` is the vehicle whose planner has
-the map of the task: the one on task, or the last one.
+At most one vehicle is on task, and at most one relieves or resumes. The place of the task is the
+position of the vehicle on task or, after it has left, the position where it left. The ``holder`` is
+the vehicle whose planner has the task's map: the one on task or the last one.
 """
 
 import math
@@ -21,7 +21,7 @@ from typing import NamedTuple
 from autopilot_bridge.transitions import enter
 from mission_service.commands import ReliefRole, Severity
 
-HISTORY_LENGTH = 20  # number of roles that the error about an invalid transition lists
+HISTORY_LENGTH = 20  # number of roles listed in the error about an invalid transition
 
 
 class TaskRole(Enum):
@@ -35,7 +35,7 @@ class TaskRole(Enum):
 
 
 TASK_TRANSITIONS: dict[TaskRole, tuple[TaskRole, ...]] = {
-    # A vehicle that is found in the air without a takeoff of the relief leaves.
+    # A vehicle that is found in the air although the relief did not order its takeoff leaves.
     TaskRole.STANDS_BY: (TaskRole.RELIEVES, TaskRole.LEAVES),
     TaskRole.RELIEVES: (
         *(TaskRole.RESUMES, TaskRole.ON_TASK),
@@ -56,11 +56,11 @@ class TaskPlace(NamedTuple):
     north: float
 
     def distance_m(self, x_m: float, y_m: float) -> float:
-        """Return the distance of a position."""
+        """Return the distance to a position."""
         return math.hypot(x_m - self.x_m, y_m - self.y_m)
 
     def before(self, distance_m: float) -> tuple[float, float]:
-        """Return the position from which the course leads to the place."""
+        """Return the position on the course ``distance_m`` before the place."""
         return self.x_m - distance_m * self.east, self.y_m - distance_m * self.north
 
 
@@ -72,17 +72,17 @@ class TaskVehicle:
     roles: deque[TaskRole] = field(
         default_factory=lambda: deque([TaskRole.STANDS_BY], HISTORY_LENGTH)
     )
-    since_s: float = -math.inf  # time of the last change of the role
+    since_s: float = -math.inf  # time of the last role change
     released: bool = False  # whether it left because of its energy or its relief, not an order
-    flies_by_order: bool = False  # an operator has ordered it to fly since it left
-    full_since_s: float | None = None  # time since which it reports a full battery on the ground
-    unfit_since_s: float | None = None  # since then it does not follow its mission
+    flies_by_order: bool = False  # whether an operator has ordered it to fly since it left
+    full_since_s: float | None = None  # since when it has reported a full battery on the ground
+    unfit_since_s: float | None = None  # time since which it has not followed its mission
     nearest_m: float = math.inf  # least distance from the place of the task while it resumes
-    shown: tuple[ReliefRole, str] | None = None  # role and text as shown last
+    shown: tuple[ReliefRole, str] | None = None  # role and text as last shown
 
     @property
     def role(self) -> TaskRole:
-        """The role now."""
+        """The current role."""
         return self.roles[-1]
 
     def change_role(self, role: TaskRole, at_s: float) -> None:
@@ -98,7 +98,7 @@ class ReliefTask:
     members: dict[str, TaskVehicle]
     holder: str
     place: TaskPlace | None = None  # None until its planner has found the front
-    left_at_s: float = -math.inf  # time at which a vehicle left it last
+    left_at_s: float = -math.inf  # time when a vehicle last left it
     alarm: tuple[str, Severity, str] | None = None  # the vehicle, severity and text
 
     def one_with(self, *roles: TaskRole) -> TaskVehicle | None:
@@ -122,6 +122,6 @@ class ReliefTask:
 
 
 def task_of(names: Iterable[str]) -> ReliefTask:
-    """Return a task that no vehicle flies yet."""
+    """Return a task that no vehicle is flying yet."""
     members = {name: TaskVehicle(name) for name in names}
     return ReliefTask(members, next(iter(members)))

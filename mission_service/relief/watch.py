@@ -1,26 +1,26 @@
 """Describes a continuous watch, and its plan: sorties, charges and lapses. Pure.
 
-All times are whole seconds. In a plan they count from the first takeoff.
+All times are in whole seconds; in a plan, they count from the first takeoff.
 """
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-MIN_USEFUL_S = 60  # a sortie adds at least this time on task to the watch
+MIN_USEFUL_S = 60  # a sortie adds at least this much time on task
 NEVER_S = 10**9  # time of an event that does not occur
 
 
 @dataclass(frozen=True, slots=True)
 class WatchAircraft:
-    """An aircraft of the watch.
+    """An aircraft in the watch.
 
     Attributes:
         name: The name of the vehicle.
-        pool: The batteries that fit; aircraft of a pool share them.
+        pool: The pool of batteries that fit; aircraft with the same pool share them.
         home: The index of its home; at each home one aircraft takes off or lands at a time.
         out_s: Time from takeoff to the task; ``NEVER_S`` if the wind prevents the flight.
-        back_s: Time from the task until over home; ``NEVER_S`` if the wind prevents the flight.
-        landing_s: Time from there to the touchdown.
+        back_s: Time from the task to overhead home; ``NEVER_S`` if the wind prevents the flight.
+        landing_s: Time from there to touchdown.
         endurance_s: Maximum time in the air.
         reserve_s: Remaining endurance on arrival over home.
     """
@@ -41,7 +41,7 @@ class WatchAircraft:
 
     @property
     def max_on_task_s(self) -> int:
-        """Maximum time on task; 0 or less if the flights there and back need all energy."""
+        """Maximum time on task; 0 or less if the flights there and back need all the energy."""
         return self.max_flight_s - self.out_s - self.back_s - self.landing_s
 
 
@@ -51,11 +51,11 @@ class Watch:
 
     Attributes:
         aircraft: The aircraft, all on the ground with a charged battery or without any.
-        batteries: Pool and number of its batteries, charged at the start.
+        batteries: The number of batteries in each pool, all charged at the start.
         chargers: Number of chargers; each charges one battery at a time.
-        charge_s: Time of a charge. Every battery that has flown is charged completely.
-        swap_s: Time on the ground, from the landing or (if later) the end of a charge to the
-            takeoff with this battery. The battery that was taken out can be charged after it.
+        charge_s: Duration of a charge. Every battery that has flown is fully charged.
+        swap_s: Time on the ground from landing, or from the end of the new battery's charge if
+            later, to takeoff. The battery that was taken out can be charged after this time.
         overlap_s: Time between the arrival of an aircraft and the departure of the relieved one.
         spacing_s: Minimum time between two takeoffs or landings at a home.
         on_task: Number of aircraft that must be on task.
@@ -78,7 +78,7 @@ class Watch:
         return long_enough and aircraft.max_flight_s >= self.spacing_s
 
     def with_more(self, batteries: dict[str, int], chargers: int, aircraft: list[int]) -> "Watch":
-        """Return the watch with more batteries and chargers, and copies of some aircraft."""
+        """Return the watch with additional batteries, chargers and copies of some aircraft."""
         copies = (
             replace(self.aircraft[index], name=f"{self.aircraft[index].name}-{number + 2}")
             for number, index in enumerate(aircraft)
@@ -92,7 +92,7 @@ class Watch:
 
 
 class PlannedSortie(NamedTuple):
-    """A sortie of an aircraft with a battery, such as "plane 2"."""
+    """A sortie of an aircraft with a battery (such as "plane 2")."""
 
     aircraft: str
     battery: str
@@ -112,7 +112,7 @@ class BatteryCharge(NamedTuple):
 
 
 class Lapse(NamedTuple):
-    """A time with fewer aircraft on task than required."""
+    """A period with fewer aircraft on task than required."""
 
     start_s: int
     end_s: int
@@ -124,16 +124,16 @@ class ReliefPlan:
     """The plan of a watch.
 
     Attributes:
-        begins_s: The time at which all required aircraft are first on task.
+        begins_s: The time when all required aircraft are first on task.
         sorties: The sorties that serve the watch, by takeoff.
         charges: The charges of their batteries, by start.
         lapses: The lapses within the duration, by start.
-        coverage: The share of the duration with all required aircraft on task.
+        coverage: The share of the duration in which all required aircraft are on task.
         short_handovers: Number of reliefs without a lapse that overlap less than required.
         repeats_s: The period with which the plan repeats without a lapse; None if no period was
             found.
-        kept_until_s: The first lapse, also if it is after the end of the watch; None if there is
-            none, as far as the plan was continued.
+        kept_until_s: The first lapse, even if after the end of the watch; None if there is none as
+            far as the plan was extended.
     """
 
     begins_s: int

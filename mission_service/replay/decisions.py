@@ -1,7 +1,7 @@
 """Runs only the planners on a journal's positions and observations, without planning missions.
 
-With the journal's own rule, the decisions must equal the recorded decisions. With another rule, the
-decisions are made by that rule at the recorded positions.
+With the journal's own rule, the decisions must equal the recorded decisions. With another rule,
+that rule makes the decisions at the recorded positions.
 """
 
 from collections.abc import Iterable, Mapping
@@ -125,7 +125,7 @@ class _Excluded:
         return event.order in ("start", "takeoff") or resumes
 
     def landing_shown(self, shown: ShowLanding) -> None:
-        """Apply a phase of a landing, which ends a hold, or ends in a hold."""
+        """Apply a landing phase, which ends a hold or ends in one."""
         if shown.holds:
             self.held.add(shown.vehicle)
         elif shown.phase != "none":
@@ -227,7 +227,7 @@ def first_difference(
 
 
 def summary_of(decisions: Decisions) -> dict[str, Any]:
-    """Return the figures of each vehicle and all reversals as plain data for JSON."""
+    """Return each vehicle's figures and all reversals as plain data for JSON."""
     names = list(dict.fromkeys(each.vehicle for _, each in decisions.recorded + decisions.found))
     return {
         "rule": decisions.rule,

@@ -1,7 +1,7 @@
 """Computes the distance error of a planner's estimated front (Islam & Hu, VI.E).
 
-The estimated and the true front are distances in cells from the ignition, on 360 whole-degree
-bearings.
+The estimated and the true front are given by their distances in cells from the ignition on 360
+whole-degree bearings.
 """
 
 import numpy as np
@@ -27,11 +27,11 @@ class TrueShape:
         inside &= cols < arrival_s.shape[1]
         along = np.full(rows.shape, np.inf)
         along[inside] = arrival_s[rows[inside], cols[inside]]
-        # Time at which ground at this or a larger distance first burned, rising with distance.
+        # Time at which ground at this or a larger distance first burned; increases with distance.
         self._reached_s = np.minimum.accumulate(along[:, ::-1], axis=1)[:, ::-1]
 
     def distances_at(self, at_s: float) -> Floats:
-        """Return the distance of the front on 360 bearings, in cells, accurate to half a cell."""
+        """Return the distance to the front on 360 bearings, in cells, accurate to half a cell."""
         reached: NDArray[np.int64] = _reached(self._reached_s, at_s)
         distance: Floats = np.maximum(reached - 1, 0) / SAMPLES_PER_CELL
         return distance

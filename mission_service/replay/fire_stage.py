@@ -1,7 +1,7 @@
 """Recomputes every recorded observation and front of a journal by simulating the fires again.
 
 On the machine that recorded the journal, all cells are equal. On another machine the last digits of
-floats may differ, and therefore also cells at the edge of the fire or of a camera's footprint.
+floats may differ, and so may cells at the edge of the fire or of a camera's footprint.
 """
 
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ Source = SimulatedCameras | RunEstimate  # sources of images
 
 
 def fire_stage(recorded: JournalReader) -> Stage:
-    """Recompute every observation from the position that follows the observation."""
+    """Recompute every observation from the position that follows it."""
     comparison = _Comparison(recorded)
     for reader, entry in recorded.readable():
         comparison.read_entry(reader, entry)
@@ -163,7 +163,7 @@ class _Comparison:
 def _cells(
     recorded: Observed, again: Observed | None, fix: Telemetry, source: Source
 ) -> Iterator[dict[str, Any]]:
-    """Yield each cell that differs, and whether the difference is beyond the tolerance."""
+    """Yield each cell that differs, and whether the difference exceeds the tolerance."""
     before, after = _letters(recorded), _letters(again)
     at_s = recorded.at_us / 1e6
     edge: set[Cell] | None = None
@@ -190,7 +190,7 @@ def _cells(
 
 
 def _are_near(one: tuple[EstimatedFront, ...], other: tuple[EstimatedFront, ...]) -> bool:
-    """Return whether two tuples of fronts differ only by the rounding of another machine."""
+    """Return whether two tuples of fronts differ only by another machine's rounding."""
     if [len(each.rows) for each in one] != [len(each.rows) for each in other]:
         return False
     return all(

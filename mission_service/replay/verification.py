@@ -1,7 +1,7 @@
 """Verifies a journal by replay in independent stages.
 
 The stage "file" checks the checksum of every line. The stage "fire" compares the cameras'
-observations with those in a new simulation of the fire. The stage "planner" recomputes the
+observations with those from a new simulation of the fire. The stage "planner" recomputes the
 decisions from the recorded observations, and the stage "core" recomputes all commands; both stages
 compare bit for bit.
 

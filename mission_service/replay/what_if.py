@@ -1,4 +1,4 @@
-"""Flies a journal's scenario again in the simulator with other planner settings.
+"""Flies a journal's scenario again in the simulator with different planner settings.
 
 The operators' requests are repeated at their mission times. The vehicles are mocks: with unchanged
 settings, a run of ``sim`` is reproduced bit for bit, and a live flight only approximately.

@@ -1,11 +1,10 @@
-"""Averages the airspeed of VFR_HUD, and estimates wind and true airspeed of a plane. Pure.
+"""Averages the airspeed from VFR_HUD, and estimates the wind and a plane's true airspeed. Pure.
 
-A plane that changes its heading measures both: its velocity relative to the air has the length of
-the true airspeed on every heading. The true airspeed per measured airspeed follows from the density
-of the air and from the error of the sensor, which neither the standard atmosphere nor the
-autopilot's estimate of the wind contains. The estimate follows from velocities over ground and
-airspeeds, by an extended Kalman filter with the states wind to the north, wind to the east and
-this factor.
+A plane that changes its heading measures both: on every heading, the magnitude of its velocity
+relative to the air is the true airspeed. The factor from measured to true airspeed depends on the
+air density and the sensor error, which neither the standard atmosphere nor the autopilot's wind
+estimate takes into account. An extended Kalman filter estimates three states from ground velocities
+and airspeeds: the wind to the north, the wind to the east and this factor.
 """
 
 import math
@@ -23,14 +22,14 @@ AVERAGED_OVER_US = 10_000_000  # long enough to average gusts and turns
 CHANGED_M_S = 0.5
 
 SAMPLE_EVERY_US, REPORT_EVERY_US = 1_000_000, 10_000_000
-OLD_US = 1_000_000  # a velocity that is older than the airspeed by more than this is not used
-GAP_US = 60_000_000  # after a longer gap the estimate begins again
-MIN_AIRSPEED_M_S = 8.0  # slower planes, and VTOLs that hover, measure no useful airspeed
+OLD_US = 1_000_000  # a velocity older than the airspeed by more than this is not used
+GAP_US = 60_000_000  # after a longer gap the estimate is restarted
+MIN_AIRSPEED_M_S = 8.0  # slower planes and hovering VTOLs measure no useful airspeed
 WIND_SD_M_S, FACTOR_SD = 12.0, 0.05  # before the first sample
-AIRSPEED_SD_M_S = 1.0  # of one sample: gusts and the delays of turns
-WIND_CHANGES_M_S, FACTOR_CHANGES = 0.03, 1e-4  # standard deviations after one second
+AIRSPEED_SD_M_S = 1.0  # of one sample: gusts and delays in turns
+WIND_CHANGES_M_S, FACTOR_CHANGES = 0.03, 1e-4  # standard deviations of the changes in 1 s
 OUTLIER_SDS = 4.0
-KNOWN_WIND_SD_M_S, KNOWN_FACTOR_SD = 0.6, 0.01  # the estimate is reported if it is as good
+KNOWN_WIND_SD_M_S, KNOWN_FACTOR_SD = 0.6, 0.01  # the estimate is reported once it is this accurate
 
 
 class MeanAirspeed:
@@ -42,7 +41,7 @@ class MeanAirspeed:
         self._reported_m_s = math.nan
 
     def new_report(self, speed: Speed, name: str, now_us: int) -> AirspeedMeasured | None:
-        """Return the mean over the last ``AVERAGED_OVER_US`` if complete and changed, or None."""
+        """Return a new mean every ``AVERAGED_OVER_US`` if it has changed; otherwise None."""
         if speed.airspeed_m_s is None:
             return None
         if not self._airspeeds_m_s:
@@ -59,7 +58,7 @@ class MeanAirspeed:
 
 
 class AirData:
-    """The estimate for one vehicle."""
+    """The estimate of wind and true airspeed for one vehicle."""
 
     def __init__(self) -> None:
         self._position: Position | None = None
@@ -68,11 +67,11 @@ class AirData:
         self._sampled_us = self._reported_us = 0
 
     def over_ground(self, position: Position) -> None:
-        """Store the velocity over ground that belongs to the next airspeed."""
+        """Store the ground velocity that belongs to the next airspeed."""
         self._position = position
 
     def new_report(self, speed: Speed, name: str, now_us: int) -> AirDataMeasured | None:
-        """Use the airspeed of a VFR_HUD message; return the estimate if it is due and known."""
+        """Use the airspeed from a VFR_HUD message; return the estimate if it is due and known."""
         position = self._position
         if position is None or speed.airspeed_m_s is None:
             return None
@@ -97,7 +96,7 @@ class AirData:
         self._covariance = np.diag(np.square([WIND_SD_M_S, WIND_SD_M_S, FACTOR_SD]))
 
     def _update(self, position: Position, airspeed_m_s: float) -> None:
-        """Compare the speed through the air that follows from the wind with the airspeed."""
+        """Update the filter with a measured airspeed and the ground velocity."""
         assert self._state is not None
         ground_m_s = np.array([position.velocity_north_m_s, position.velocity_east_m_s])
         through_air = ground_m_s - self._state[:2]

@@ -1,9 +1,9 @@
-"""Converts reports of cameras and gimbals to events for the sensors. Pure.
+"""Converts camera and gimbal reports to events for the sensors. Pure.
 
-These events occur only in runs with sensors. The direction of the camera is computed at each
-ATTITUDE message of the vehicle. The direction is reported ``MIN_INTERVAL_US`` after the last report
-if it has changed by ``CHANGED_DEG``, and ``EVERY_US`` after the last report in any case. The error
-of a reported direction therefore exceeds ``CHANGED_DEG`` for at most ``MIN_INTERVAL_US``.
+These events occur only in runs with sensors. The camera direction is computed for each ATTITUDE
+message from the vehicle. The direction is reported ``MIN_INTERVAL_US`` after the last report if it
+has changed by ``CHANGED_DEG``, and ``EVERY_US`` after the last report in any case. The error in a
+reported direction therefore exceeds ``CHANGED_DEG`` for at most ``MIN_INTERVAL_US``.
 """
 
 from autopilot_bridge.vehicle import camera_telemetry as camera
@@ -25,7 +25,7 @@ Angles = tuple[float, float, float]
 
 
 class CameraReports:
-    """The camera of one vehicle; the age of a gimbal's report is measured by the link's clock."""
+    """The camera of one vehicle; the age of a gimbal report is measured on the link's clock."""
 
     def __init__(self, name: str, hot_c: float) -> None:
         """Set the vehicle's name and the minimum temperature of hot points."""
@@ -42,7 +42,7 @@ class CameraReports:
         self._gimbal = event
 
     def on_attitude(self, event: Attitude, mission_us: int) -> CameraDirection | None:
-        """Return the direction of the camera at a mission time, or None if no report is due."""
+        """Return the camera's direction at the given mission time, or None if no report is due."""
         self._heading_deg = event.yaw_deg
         airframe = (event.yaw_deg, event.pitch_deg, event.roll_deg)
         gimbal = self._gimbal_angles(event.at_us)
@@ -56,7 +56,7 @@ class CameraReports:
     def on_image(self, event: camera.ImageCaptured, mission_us: int) -> ImageCaptured:
         """Return the image with the direction of the camera, if the direction is known.
 
-        With an image, an autopilot reports the attitude of the airframe, or on PX4 that of the
+        With an image, an autopilot reports the attitude of the airframe or, on PX4, that of the
         gimbal. If the gimbal has reported its direction, that direction replaces the attitude of
         the airframe.
         """
@@ -107,7 +107,7 @@ class CameraReports:
         return TargetTracked(mission_us, self._name, *place)
 
     def _gimbal_angles(self, now_us: int) -> Angles | None:
-        """Return the direction of the gimbal, with the yaw from north, or None if unknown."""
+        """Return the gimbal's direction, with yaw measured from north, or None if unknown."""
         gimbal = self._gimbal
         if gimbal is None or now_us - gimbal.at_us > GIMBAL_LASTS_US:
             return None
@@ -120,7 +120,7 @@ class CameraReports:
 
 
 def _differs(before: CameraDirection, now: CameraDirection) -> bool:
-    """Return whether the direction ``now`` is to be reported after the direction ``before``."""
+    """Return whether the direction ``now`` must be reported, given the last report ``before``."""
     passed_us = now.at_us - before.at_us
     if not 0 <= passed_us < EVERY_US or now.gimbal != before.gimbal:
         return True

@@ -1,21 +1,21 @@
-"""Runs the engine, which applies each event, in simulation and in live flight.
+"""Runs the engine, which applies each event, in simulations and in live flight.
 
 A projection is a state that is computed from the events, such as that of the core. The engine
 journals each event, applies the event to all projections, journals the resulting commands and
 executes the commands. At each position a simulated camera, if there is one, takes an image.
 
-**No event in the journal can make a restart fail.** Requests of operators are rare and may have any
+**No event in the journal can make a restart fail.** Operators' requests are rare and may have any
 content. The engine first applies each request to a copy of all projections (core, state view,
 interlock, missions), as in a restart, and journals the request only if no projection raises an
-exception. The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The
+exception. The copy takes milliseconds, or tens of milliseconds with a formation's maps. The
 estimated fire is not copied, because changing a fire takes too long: a request is applied to the
 estimate after the journal line is written (in a live run by a thread, ``estimate_worker``). If the
-request raises an exception in the estimate, the estimate remains unchanged, in the run and after a
-restart. Events of vehicles are too frequent for a copy. The types of these events limit their
-values (``events.py``), and the journal refuses other values. An event of a vehicle that still
+request raises an exception in the estimate, the estimate remains unchanged, both in the run and
+after a restart. Vehicle events are too frequent to be tried on a copy. The types of these events
+limit their values (``events.py``), and the journal refuses other values. A vehicle event that still
 raises an exception is a defect. The engine removes the event from the journal and executes none of
-its commands. The run then ends with an error of one line, because the state in memory differs from
-the journal. A restart resumes the run.
+its commands. The run then ends with a one-line error, because the state in memory differs from the
+journal. A restart resumes the run.
 """
 
 import copy
@@ -96,7 +96,7 @@ SNAPSHOT_FIELDS = (
     "_acknowledged",
     "_sensor_files",
 )
-# A request is tried on a copy of the fields ``TRIED``.
+# A request is first applied to a copy of the fields ``TRIED``.
 NOT_TRIED = ("cameras", "estimate", "_sensor_files")
 TRIED = tuple(name for name in SNAPSHOT_FIELDS if name not in NOT_TRIED)
 
@@ -112,7 +112,7 @@ def no_broadcast(message: AnyMessage) -> None:
 
 
 class Engine:
-    """The engine, which connects core, journal, fire and the vehicles' gateways."""
+    """The engine, which connects the core, the journal, the fire and the vehicles' gateways."""
 
     def __init__(
         self,
@@ -148,14 +148,14 @@ class Engine:
         self._broadcast = broadcast
         self._acknowledged: dict[tuple[str, str], int] = {}
         self._unrecorded = UnrecordedEvents()
-        # Events that follow from commands, to be handled after these commands.
+        # Events that result from commands, to be handled after these commands.
         self._held_back: deque[DropFinished | UploadFinished | OrderGiven] = deque()
         self._interlock = lock_of(scenario, estimate.landscape)
         self.defect: RefusedEventError | None = None  # set when memory and journal differ
 
     @property
     def statistics(self) -> RunStatistics:
-        """The statistics of the run, such as tracks and numbers of decisions."""
+        """The statistics of the run, such as tracks and decision counts."""
         return self.state_view.statistics
 
     @cached_property
@@ -164,7 +164,7 @@ class Engine:
         return Known(self._scenario, self.estimate.landscape)
 
     def handle_events(self, events: Iterable[VehicleEvent], now_us: int) -> None:
-        """Handle the events of a gateway; ``now_us`` is the time of the link's clock."""
+        """Handle the events of a gateway; ``now_us`` is the time on the link's clock."""
         self.clock_read(now_us)
         for event in events:
             if not isinstance(event, Telemetry):
@@ -182,9 +182,9 @@ class Engine:
         self.check_estimate(now_us)
 
     def take_reports(self, at_us: int, now_us: int) -> None:
-        """Handle new reports of aircraft and of the sensors at a mission time.
+        """Handle new aircraft and sensor reports at the given mission time.
 
-        Refused reports of sensors are announced.
+        Refused sensor reports are announced.
         """
         if self.recording.trouble:
             return
@@ -201,7 +201,7 @@ class Engine:
                 self.announce("service", text)
 
     def check_estimate(self, now_us: int) -> None:
-        """Once a minute, check whether images have removed corrections, and the landscape's edge.
+        """Once a minute, check for corrections removed by images and for fire at the edge.
 
         Planners receive the windows around removed corrections. ``FireReachedEdge`` is journalled
         once, when the estimated fire has reached the edge of the landscape.
@@ -226,20 +226,20 @@ class Engine:
             self._handle(FireReachedEdge(at_us, SERVICE, "", arrived_us, *place), now_us)
 
     def _show_sensors(self, now_us: int) -> None:
-        """Show the problems of sensors every few seconds, even in a run without telemetry."""
+        """Show sensor problems every few seconds, even in a run without telemetry."""
         if now_us >= self._sensors_due_us:
             self._sensors_due_us = now_us + SHOW_SENSORS_EVERY_US
             self.state_view.show_sensors(self.sensors.problems(), self.sensors.failed)
 
     def _show_estimate_alarms(self) -> None:
-        """Show an alarm for each source that contradicts others, and for a report with a defect."""
+        """Show an alarm for each source that contradicts others, and for a defective report."""
         texts = self.estimate.agreement.contradictions()
         self.state_view.show_alarms("observer", texts, "severe")
         defects = {"defect": self.estimate.defect} if self.estimate.defect else {}
         self.state_view.show_alarms("estimate", defects, "severe")
 
     def _seen_at(self, fix: Telemetry) -> Iterator[Observed | FrontsEstimated]:
-        """Yield new observations of the sensors, then of a camera, then the estimated fronts.
+        """Yield new observations from sensors, then from a camera, then the estimated fronts.
 
         Without a simulated fire, planners receive the part of the estimate that a camera would
         show. As in a replay, this part is computed after the sensors' observations are processed.
@@ -260,7 +260,7 @@ class Engine:
         return msgspec.structs.replace(image, distrusted=True)
 
     def advance_fire(self, at_us: int) -> None:
-        """Advance the simulated fire, if there is one, and the estimate to a mission time."""
+        """Advance the simulated fire, if there is one, and the estimate to a given mission time."""
         for fire in fires_of_run(self.cameras, self.estimate):
             fire.advance(at_us)
 
@@ -273,7 +273,7 @@ class Engine:
             self._handle(HostTime(self.statistics.at_us, name, now_us), now_us)
 
     def on_peer_message(self, message: AnyMessage, at_us: int, now_us: int) -> None:
-        """Handle a message from a vehicle of another process, for each vehicle of this process."""
+        """Handle a message from another process's vehicle, for each vehicle of this process."""
         for name in self._gateways:
             self._handle(PeerMessage(at_us, name, message), now_us)
 
@@ -283,8 +283,8 @@ class Engine:
         In a live run a report about the fire is only journalled; a thread applies the report later.
 
         Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
-        correction of the fire, and RefusedEventError for an event that a projection cannot handle.
-        After such an error the state is unchanged. An abort is always executed.
+        fire correction, and RefusedEventError for an event that a projection cannot handle. After
+        such an error the state is unchanged. An abort is always executed.
         """
         self.clock_read(now_us)
         self._try(event, now_us)
@@ -370,9 +370,9 @@ class Engine:
         now_us: int,
         skipped: LinesSkipped | None = None,
     ) -> None:
-        """Continue a run after the events of its journal were applied, and handle ``event``.
+        """Continue a run after its journal's events were applied, and handle ``event``.
 
-        ``missing`` are the last commands, which the journal lacks and which are written now.
+        ``missing`` contains the last commands, which the journal lacks and which are now written.
         ``skipped`` records the lines of the journal that were not applied.
         """
         self.sensors.skip(self._sensor_files.names())
@@ -382,7 +382,7 @@ class Engine:
         self._restart(event, now_us)
 
     def _restart(self, event: Resumed, now_us: int) -> None:
-        """Handle a restart, and read back the mission of each vehicle once it is connected."""
+        """Handle a restart, and read back each vehicle's mission once the vehicle is connected."""
         self._handle(event, now_us)
         self._deliver(event.at_us, now_us)
         for name, gateway in self._gateways.items():
@@ -398,11 +398,11 @@ class Engine:
         return not self.recording.trouble
 
     def snapshot_fields(self) -> dict[str, Any]:
-        """Return the fields of a snapshot; these fields and the scenario are the whole state."""
+        """Return the fields of a snapshot; together with the scenario, they are the whole state."""
         return {name: getattr(self, name) for name in SNAPSHOT_FIELDS}
 
     def restore(self, fields: dict[str, Any]) -> None:
-        """Set the fields of a snapshot."""
+        """Restore the fields of a snapshot."""
         for name, value in fields.items():
             setattr(self, name, value)
 
@@ -429,8 +429,8 @@ class Engine:
     def deliver_next(self, now_us: int) -> bool:
         """Deliver one change to one vehicle's planner; return False if no change was pending.
 
-        More changes in one call could block the event loop for too long, because a planner may take
-        a third of the permitted time.
+        More than one change per call could block the event loop for too long, because a planner may
+        take a third of the permitted time.
         """
         name = next(iter(self._undelivered), None)
         return name is not None and self._deliver_to(name, self.statistics.at_us, now_us)
@@ -443,7 +443,7 @@ class Engine:
         return delivered
 
     def acknowledged_by(self, command: str, since_us: int) -> set[str]:
-        """Return the vehicles that have acknowledged a command since a mission time."""
+        """Return the vehicles that have acknowledged a command since the given mission time."""
         found = self._acknowledged.items()
         return {name for (name, word), at_us in found if word == command and at_us >= since_us}
 

@@ -77,7 +77,7 @@ MIN_SEVERITY = mavlink.MAV_SEVERITY_INFO
 TEXT_AGAIN_AFTER_US = 10_000_000
 MAX_TEXTS_KEPT = 32
 BATTERY_EVERY_US = 30_000_000  # between reports of an unchanged charge
-MAX_AIRCRAFT_KEPT = 5000  # reports of other aircraft between two calls of the engine
+MAX_AIRCRAFT_KEPT = 5000  # reports of other aircraft between two engine calls
 
 StatusChanged = (
     SystemStateChanged
@@ -87,23 +87,23 @@ StatusChanged = (
     | RemoteIdChanged
 )
 
-# If a vehicle's clock lags behind mission time by BEHIND_US for BEHIND_FOR_US, that clock's time is
-# set to mission time.
+# If a vehicle's clock lags behind mission time by BEHIND_US for BEHIND_FOR_US, that clock is set to
+# mission time.
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
 MAX_IMAGE_DELAY_US = 10_000_000  # maximum delay from an image to its report
-BETWEEN_POSITIONS_US = 1_000_000  # mission time is that of the last position
+BETWEEN_POSITIONS_US = 1_000_000  # mission time is the time of the last position
 
 
 def rates_hz(scenario: Scenario) -> RatesHz:
-    """Return the messages requested from the vehicles of a scenario, with their rates in Hz."""
+    """Return the messages requested from a scenario's vehicles, with their rates in Hz."""
     camera_hz = CAMERA_RATES_HZ if scenario.estimate.sensors else {}
     aircraft_hz = {} if scenario.surveillance is None else AIRCRAFT_RATES_HZ
     return {**RATES_HZ, **camera_hz, **aircraft_hz, **way_of(scenario).rates_hz}
 
 
 def camera_reports_of(scenario: Scenario, vehicle: str) -> CameraReports | None:
-    """Return the reports of a vehicle's camera in a scenario with sensors; otherwise None."""
+    """Return a vehicle's camera reports in a scenario with sensors; otherwise None."""
     if not scenario.estimate.sensors:
         return None
     return CameraReports(vehicle, scenario.estimate.thermal_frames.hot_c)
@@ -118,23 +118,23 @@ class MissionClock:
     """Mission time, from the autopilots' clocks or from the wall clock.
 
     In a simulation that runs faster than real time, the autopilots' clocks synchronise fire and
-    flight. The first autopilot begins at ``start_us``. The clock of an autopilot that connects
-    later, is restarted or has a slower clock is set to the current mission time, because a team
-    ignores a vehicle whose time lags behind. With the wall clock, mission time is ``start_us`` plus
-    the time since the service began.
+    flight. The first autopilot begins at ``start_us``. If an autopilot connects later, is restarted
+    or has a slower clock, its time is set to the current mission time, because a team ignores a
+    vehicle whose time lags behind. With the wall clock, mission time is ``start_us`` plus the time
+    since the service began.
     """
 
     def __init__(self, start_us: int, wall: bool) -> None:
         self.now_us = start_us
         self.latest_us = start_us  # the latest mission time of all processes
         self.wall = wall
-        # In the replay of a journal, mission time minus the log's time.
+        # In a journal replay, mission time minus the log's time.
         self.ahead_us: int | None = None
         self._start_us = start_us
         self._began_us: int | None = None
 
     def go_on(self, mission_us: int, wall_us: int) -> None:
-        """Set the mission time at the machine's time ``wall_us``; only before vehicles connect."""
+        """Set the mission time at machine time ``wall_us``; call only before vehicles connect."""
         self.now_us = self.latest_us = self._start_us = mission_us
         self._began_us = wall_us if self.wall else None
 
@@ -154,7 +154,7 @@ class MissionClock:
     def others_passed(self, mission_us: int, wall_us: int) -> None:
         """Advance to another process's mission time; lagging vehicle clocks are set to that time.
 
-        A small lag of a vehicle remains, because all events of a process have one common time.
+        A small lag remains, because all events of a process share one time.
         """
         self.latest_us = max(self.latest_us, mission_us)
         self.wall_passed(wall_us)
@@ -163,7 +163,7 @@ class MissionClock:
 
 
 class Gateway:
-    """The translator of one client's events and of the commands for the client's vehicle."""
+    """The translator of one client's events, and of the commands to the client's vehicle."""
 
     def __init__(
         self,
@@ -175,11 +175,11 @@ class Gateway:
         camera: CameraReports | None = None,
         parameters: ParameterReports | None = None,
     ) -> None:
-        """Connect vehicle and client; without a ``dropper``, every drop is refused.
+        """Connect the vehicle and its client; without a ``dropper``, every drop is refused.
 
         When the vehicle connects, its return height is set to ``return_height_m`` above home.
-        Without ``camera``, the reports of cameras are not used. Without ``parameters``, no
-        parameter is read.
+        Without ``camera``, camera reports are not used. Without ``parameters``, no parameter is
+        read.
         """
         self.name = name
         self.client = client
@@ -197,7 +197,7 @@ class Gateway:
         self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
         self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
         self._air_data = AirData()
-        self._texts: dict[str, int] = {}  # time of each text's last report on the link's clock
+        self._texts: dict[str, int] = {}  # time of each text's last report, on the link's clock
         self._offset_us: int | None = None
         self._min_behind_us = 0
         self._watched_from_us = 0
@@ -206,9 +206,9 @@ class Gateway:
         self._reading: int | None = None  # number of the download, as assigned by the client
         self._mode: tuple[int, bool, str] | None = None
         self._mode_reported = False  # since the start or the last ``read_back``
-        # The kind and the text of each alarm; an empty text ends the alarm.
+        # The kind and text of each alarm; an empty text ends the alarm.
         self.link_alarms: deque[tuple[str, str]] = deque()
-        # Reports of the vehicle's ADS-B receiver, which the engine removes.
+        # Reports from the vehicle's ADS-B receiver, until the engine removes them.
         self.aircraft: deque[AircraftSeen] = deque(maxlen=MAX_AIRCRAFT_KEPT)
         self._connected = False  # whether the connection was reported
         self._lost = False
@@ -351,7 +351,7 @@ class Gateway:
     def _seen(
         self, camera: CameraReports, event: bridge.Attitude | CameraEvent, link_us: int
     ) -> VehicleEvent | None:
-        """Return the event for a camera's report or for the airframe's attitude."""
+        """Return the event for a camera report or for the airframe's attitude."""
         now_us = self._clock.now_us
         match event:
             case bridge.Attitude():
@@ -439,7 +439,7 @@ class Gateway:
         return self._drop_finished(command, event.outcome, event.reason)
 
     def _battery(self, event: bridge.Battery, now_us: int) -> VehicleEvent | None:
-        """Return the state of the battery with the least charge, on a change and periodically."""
+        """Return the state of the battery with the lowest charge, on a change and periodically."""
         self._batteries[event.battery_id] = event
         lowest = min(self._batteries.values(), key=_charge_pct)
         # Floats, as the journal returns them.
@@ -512,8 +512,8 @@ class Gateway:
             return None
         return event
 
-    # ``_translate`` handles the events that need the link's clock. The core does not use the events
-    # that neither this table nor ``_translate`` contains.
+    # ``_translate`` handles the events that need the link's clock. The core does not use events
+    # that are in neither this table nor ``_translate``.
     def _aircraft_seen(self, event: AircraftSeen, now_us: int) -> None:
         self.aircraft.append(event)
 

@@ -1,8 +1,7 @@
 """Writes states periodically, divides the journal into segments and deletes old segments.
 
 A state is a snapshot of the service (``journal/snapshot.py``). A state is pickled on the event loop
-between two events; a thread then compresses and writes the state. This module also handles a full
-disk.
+between two events; a thread then compresses and writes it. This module also handles a full disk.
 """
 
 import asyncio
@@ -24,7 +23,7 @@ from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
 
 LOOK_EVERY_S = 0.5
-# The number of bytes in a journal that a restart can read in about a second.
+# The number of journal bytes that a restart can read in about a second.
 STATE_EVERY_BYTES = 4_000_000
 
 
@@ -37,7 +36,7 @@ class JournalRetention:
         self._settings = settings
         self._written = service.recording.journal.rest
         self._written_us = clock_us()
-        self.write_s = 0.0  # time to write the last state, from pickling to the disk
+        self.write_s = 0.0  # time taken to write the last state, including pickling
 
     async def maintain(self, clock: MissionClock) -> None:
         """Maintain the journal until cancelled."""

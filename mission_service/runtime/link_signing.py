@@ -9,12 +9,12 @@ from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 
-COMMAND_LINK_ID = 255  # link id of CLI commands; a service that runs meanwhile uses other ids
-# Fewer refused frames may be transmission errors or frames of another station.
+COMMAND_LINK_ID = 255  # link id of CLI commands; a service running meanwhile uses other ids
+# Fewer refused frames may be transmission errors or frames from another station.
 REPORT_FROM_FRAMES = 10
 LEAD_REPORTED_S = 60.0
 CHECK_CLOCKS = "check the clocks of this machine and the vehicle"
-WORDS = {  # description and remedy for each reason to refuse a frame
+WORDS = {  # description and remedy for each reason for refusing a frame
     "unsigned": ("without a signature", "set the vehicle's key (mission-service signing set-up)"),
     "wrong": ("with a wrong signature", "check that the vehicle has this key"),
     "repeated": ("with repeated timestamps", "check whether frames arrive twice"),
@@ -38,7 +38,7 @@ def timestamps_file() -> Path:
 def signings(
     sources: Iterable[str | None], wall_us: Callable[[], int], warn: Callable[[str], None]
 ) -> Iterator[dict[str | None, Signing]]:
-    """Provide a ``Signing`` for each key source; all of these use the same timestamp file.
+    """Provide a ``Signing`` for each key source; all of them use the same timestamp file.
 
     Raises BridgeError for a key that cannot be read.
     """
@@ -75,7 +75,7 @@ def key_missing(link: str) -> str:
 
 
 class SigningRefusals:
-    """The reports on the signing of one vehicle's link; each report is returned only once."""
+    """The signing reports for one vehicle's link; each report is returned only once."""
 
     def __init__(self, link: str, system_id: int, signing: Signing | None) -> None:
         self._link = link

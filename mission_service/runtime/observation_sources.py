@@ -1,7 +1,7 @@
 """Stores what each source of observations contributes to a run; derives source states. Pure.
 
 A source is the camera of a vehicle, a sensor of the scenario, a detector that sends reports under
-its own name, or a person. Windows of the estimate and corrections are not observations.
+its own name, or a person. Corrections and windows of the estimate are not observations.
 """
 
 import hashlib
@@ -30,15 +30,15 @@ from mission_service.runtime.published_states import SourceKind, SourceState, So
 LATE_INTERVALS, LATE_S = 3.0, 60.0
 SILENT_INTERVALS, SILENT_S = 10.0, 300.0
 MIN_INTERVALS, MAX_INTERVALS = 2, 15  # the usual interval is the median of the last intervals
-MAX_REPORTERS = 32  # detectors and persons; a new one then replaces that with the oldest report
+MAX_REPORTERS = 32  # detectors and people; a new one replaces the one with the oldest report
 FOOTPRINT_EVERY_S = 10.0  # shortest interval between two stored footprints of a source
-MAX_DIGESTS = 1000  # stored digests of the latest reports of persons
-MAX_FOOTPRINTS, MAX_FOOTPRINT_CELLS = 64, 1_000_000  # limits for all sources together
+MAX_DIGESTS = 1000  # stored digests of the latest reports by people
+MAX_FOOTPRINTS, MAX_FOOTPRINT_CELLS = 64, 1_000_000  # limits for all sources combined
 DISTRUSTED = "its observations contradict those of others and are not used"
 
 
 class Footprint(NamedTuple):
-    """A stored observation. ``number`` is its number in the run, from 1."""
+    """A stored observation. ``number`` counts the run's observations from 1."""
 
     number: int
     source: str
@@ -60,7 +60,7 @@ class Footprint(NamedTuple):
 
 @dataclass
 class Contribution:
-    """The observations of one source, which is listed from the mission time ``since_us``."""
+    """The observations of one source, which is listed from mission time ``since_us``."""
 
     kind: SourceKind
     since_us: int
@@ -99,11 +99,11 @@ class ObservationSources:
     """The contribution of each source, and the latest footprints of all sources."""
 
     def __init__(self, landscape: Landscape, sensors: Collection[str], at_us: int) -> None:
-        """Begin at ``at_us`` with the sensors of the scenario, without any observation."""
+        """Begin at ``at_us`` with the scenario's sensors and without observations."""
         self._landscape, self._sensors = landscape, frozenset(sensors)
         self.contributions = {name: Contribution("sensor", at_us) for name in sensors}
         self.footprints: deque[Footprint] = deque()
-        self._digests: dict[bytes, None] = {}  # the latest reports of persons, oldest first
+        self._digests: dict[bytes, None] = {}  # the latest reports by people, oldest first
         self._stored_cells = 0
         self._number = 0  # number of observations
 
@@ -125,7 +125,7 @@ class ObservationSources:
             self._add(event, event.source or event.vehicle, kind)
 
     def has_report(self, digest: bytes) -> bool:
-        """Return whether a person has sent a report with this digest, also before a restart."""
+        """Return whether a person has sent a report with this digest, even before a restart."""
         return digest in self._digests
 
     def _store_digest(self, event: FireObserved) -> None:
@@ -158,14 +158,14 @@ class ObservationSources:
             del self.contributions[min(reporters, key=lambda name: (reporters[name], name))]
 
     def _store(self, footprint: Footprint) -> None:
-        """Store a footprint, and remove the oldest footprints above the limits."""
+        """Store a footprint, and remove the oldest footprints beyond the limits."""
         self.footprints.append(footprint)
         self._stored_cells += footprint.cells
         while len(self.footprints) > MAX_FOOTPRINTS or self._stored_cells > MAX_FOOTPRINT_CELLS:
             self._stored_cells -= self.footprints.popleft().cells
 
     def _cells_seen(self, event: Observed | FireObserved) -> tuple[int, int]:
-        """Return the numbers of burned and unburned cells of an observation.
+        """Return the numbers of burned and unburned cells in an observation.
 
         For a report the numbers follow from the length of the line or the area of the polygon.
         """
@@ -191,12 +191,12 @@ class ObservationSources:
         contradictions: Mapping[str, str],
         failed: Collection[str],
     ) -> list[SourceState]:
-        """Return the state of each source at a mission time, in the order of the names.
+        """Return the state of each source at the given mission time, ordered by name.
 
         Args:
             now_us: The mission time.
-            problems: The texts of sensors that report a problem or have failed, by source.
-            contradictions: The texts about sources that contradict others, by source.
+            problems: The texts for sensors that report a problem or have failed, by source.
+            contradictions: The texts for sources that contradict others, by source.
             failed: The sensors that have failed.
         """
         found = []
@@ -218,10 +218,10 @@ def report_digest(station: str, state: str, shape: str, points: tuple[Place, ...
 
 
 def status_of(source: Contribution, now_us: int) -> tuple[SourceStatus, str]:
-    """Return the state of a source at a mission time, and the reason if it is late or silent.
+    """Return a source's status at the given mission time, and why it is late or silent.
 
-    A person is never late. A sensor without any observation is ``waiting``, and after ``SILENT_S``
-    ``silent``.
+    A person is never late. A sensor without any observation is ``waiting``, then ``silent`` after
+    ``SILENT_S``.
     """
     if source.last_us is None:
         if (now_us - source.since_us) / 1e6 <= SILENT_S:
@@ -275,6 +275,6 @@ def _window_of(event: RasterObserved, landscape: Landscape) -> Observed:
 
 
 def _is_of(name: str, source: str) -> bool:
-    """Return whether the estimate's name of a sender (``compared_source``) refers to a source."""
+    """Return whether the estimate's name for a sender (``compared_source``) refers to a source."""
     is_tak_user = name == TAK and f" at {TAK_STATION}" in source
     return is_tak_user or name == source or name.endswith(f" of {source}")

@@ -25,7 +25,7 @@ class PeerListener:
         self._clock.others_passed(mission_us, self._clock_us())
 
     def on_message(self, message: AnyMessage) -> None:
-        """Handle a message of a vehicle that another process controls."""
+        """Handle a message from a vehicle that another process controls."""
         self.passed(message.at_us)
         self._service.on_peer_message(message, self._clock.now_us, self._clock_us())
 

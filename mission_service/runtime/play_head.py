@@ -41,7 +41,7 @@ class PlayHead:
 
     The position of the play head is the time up to which all entries were played. ``due_us``
     returns the time up to which entries are due, and ``reached`` sets the position, so that the
-    play head never runs ahead of a slow machine. ``now_us`` is the time of the machine's clock.
+    play head never runs ahead of a slow machine. ``now_us`` is the time on the machine's clock.
     """
 
     def __init__(self, begin_us: int, end_us: int, speed: Speed = 1.0) -> None:
@@ -51,7 +51,7 @@ class PlayHead:
         self.speed: Speed = checked_speed(speed)
         self.paused = False
         self.seek_to_us: int | None = None
-        self._since_us: int | None = None  # machine's clock at ``at_us``; None: not begun
+        self._since_us: int | None = None  # machine's clock at ``at_us``; None: not started
 
     @property
     def ended(self) -> bool:

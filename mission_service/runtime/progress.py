@@ -44,14 +44,14 @@ def announced_text(line: Announcement) -> str:
 
 
 class LiveReport:
-    """A printer of all announcements and, every two minutes of mission time, of the status."""
+    """A printer of all announcements and, every two minutes of mission time, the status."""
 
     def __init__(self, quiet: bool) -> None:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
         self._next_us = self._last_id = 0
 
     def __call__(self, state_view: StateView, fire: Fire) -> None:
-        """Print new announcements and a due status line."""
+        """Print new announcements and, if due, a status line."""
         for line in state_view.announcements_after(self._last_id):
             self._last_id = line.id
             style = "bold yellow" if line.level == "warning" else "cyan"

@@ -119,13 +119,13 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     current_seq: int | None = None  # index of the current item of the mission on board
     battery_pct: float | None = None
     lost_link: str = ""  # reaction to a lost link, in words; empty if unknown
-    return_height_m: float | None = None  # of a return by the autopilot's parameters, above home
+    return_height_m: float | None = None  # of a return, from autopilot parameters; above home
     fence_action: str = ""  # reaction to a breached fence
     # State of the Remote ID module: "ready", "fails: ...", "lost: ..."; empty before a message.
     remote_id: str = ""
-    # In flight: the time until the vehicle must fly home (negative after this time), the time of
-    # the flight home (null: unknown, or the wind prevents it) and of the landing, the mission time
-    # at which the vehicle must have landed (the reserve then remains), and the source of the
+    # In flight: the time until the vehicle must fly home (negative after this time), the duration
+    # of the flight home (null: unknown, or the wind prevents it) and of the landing, the mission
+    # time by which the vehicle must have landed (with the reserve remaining), and the source of the
     # estimate.
     time_on_task_s: int | None = None
     time_home_s: int | None = None
@@ -333,7 +333,7 @@ def item_state(item: MissionItem) -> ItemState:
 
 
 def clearing_status(shown: ShowClearing, at_us: int) -> ClearingStatus:
-    """Return the progress that a command shows at a mission time."""
+    """Return the progress that a command shows at the given mission time."""
     out = [each for each in shown.vehicles if each.phase in CLEARED]
     expected = [each.expected_us for each in shown.vehicles if each.expected_us is not None]
     in_force = shown.outcome == "in force"

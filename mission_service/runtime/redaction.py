@@ -1,4 +1,4 @@
-"""Removes secrets from text: registered secrets, and text in the form of a secret. Pure."""
+"""Removes secrets from text: registered secrets, and text that looks like a secret. Pure."""
 
 import re
 

@@ -29,10 +29,10 @@ class ReportOutcome(NamedTuple):
     """The result of applying a report to the estimate."""
 
     unused: Exception | None  # why the report was refused
-    note: str  # why a part of the report has no effect; or empty
+    note: str  # why part of the report has no effect, or empty
 
 
-# Returns an awaitable for the outcome of a report, or None if the outcome is known at once.
+# Returns an awaitable for the outcome of a report, or None if the outcome is known immediately.
 Outcome = Callable[[AnyOperatorEvent], Awaitable[ReportOutcome] | None]
 
 

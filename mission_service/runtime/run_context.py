@@ -45,7 +45,7 @@ Floats = NDArray[np.float64]
 
 
 class RunContext:
-    """The scenario, the states and the request handler of a run, for interfaces."""
+    """The scenario, states and request handler of a run, for interfaces."""
 
     def __init__(
         self,
@@ -136,14 +136,14 @@ class RunContext:
         return Forecasts(lambda: self.estimate, lambda: self.state_view.fire_version)
 
     def close(self) -> None:
-        """Cancel the forecasts that are being computed; a later use begins new ones."""
+        """Cancel the forecasts that are being computed; a later use starts new ones."""
         forecasts = self.__dict__.pop("forecasts", None)  # the value of the cached property
         if forecasts is not None:
             forecasts.close()
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":
-        """The estimated fire that a burn's plans use; None without a burn."""
+        """The estimated fire used by a burn's plans; None without a burn."""
         return self.core.guidance.estimated_fire
 
     def weather(self) -> Weather:
@@ -169,7 +169,7 @@ class RunContext:
 
         Args:
             geoid_height_m: Height of the geoid above the WGS84 ellipsoid.
-            for_s: Time until the landing of a vehicle without an estimate of its energy.
+            for_s: Time until the landing of a vehicle without an energy estimate.
             unix_us: The present time in microseconds since 1970.
         """
         section, now_us = self.scenario.airspace, self.clock.now_us
@@ -196,7 +196,7 @@ class RunContext:
         return None if fix is None else self.core.guidance.preview(state, fix)
 
     def figures(self, vehicle: str, items: Items) -> Figures:
-        """Return the figures, such as the length, of a mission from the vehicle's position."""
+        """Return a mission's figures, such as its length, from the vehicle's position."""
         state = self.core.vehicles[vehicle]
         fix = state.availability.fix if state.availability.airborne else None
         start_m = None if fix is None else (fix.x_m, fix.y_m)

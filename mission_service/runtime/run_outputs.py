@@ -36,7 +36,7 @@ LEGEND_INSIDE = 4  # with more vehicles, the legend is drawn below the map
 
 
 def front_times_s(end_s: float) -> list[float]:
-    """Return the times in s of the fronts to write: each half hour of mission time, and the end."""
+    """Return the times in s of the fronts to write: every half hour of mission time and the end."""
     return [*np.arange(FRONT_EVERY_S, end_s - 1.0, FRONT_EVERY_S).tolist(), end_s]
 
 
@@ -83,7 +83,7 @@ def summary_of(scenario: Scenario, record: RunStatistics, fire: Fire) -> dict[st
 
 
 def _burn_of(vehicle: VehicleStatistics) -> dict[str, Any]:
-    """Return the numbers of plans, lines and drops of a vehicle; empty without plans."""
+    """Return a vehicle's numbers of plans, lines and drops; empty without plans."""
     if not vehicle.plans:
         return {}
     flown = {drop.plan_hash for drop in vehicle.drops}
@@ -186,7 +186,7 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
 def _draw_vehicle(axes: Any, vehicle: VehicleStatistics, land: Landscape, colour: str) -> None:
     from matplotlib.patheffects import withStroke
 
-    # The halo makes lines visible also on dark red.
+    # The halo makes lines visible even on dark red.
     halo = withStroke(linewidth=2.0, foreground="white", alpha=0.5)
     dots = {"linestyle": "", "marker": "o"}
     for points, style in (

@@ -33,10 +33,10 @@ from mission_service.runtime.track import Track
 from mission_service.vehicles.availability import AIRBORNE_M
 
 MAX_REVERSALS = 5_000  # latest reversals stored for each vehicle; the journal contains all
-# Distinct reasons of missions, which may contain names of users; further reasons count as OTHER.
+# Distinct mission reasons, which may contain user names; further reasons count as OTHER.
 MAX_REASONS = 100
 OTHER = "other"
-RECEIVED_WITHIN_US = 2_000_000  # older positions are not used for the smallest distance
+RECEIVED_WITHIN_US = 2_000_000  # older positions are not used for the minimum distance
 
 
 @dataclass
@@ -52,7 +52,7 @@ class VehicleStatistics:
     direction: str = ""
     uploads: Counter[str] = field(default_factory=Counter)
     upload_reasons: Counter[str] = field(default_factory=Counter)
-    orders: Counter[str] = field(default_factory=Counter)  # orders of orbits and speeds, by kind
+    orders: Counter[str] = field(default_factory=Counter)  # orbit and speed orders, by kind
     fix: tuple[int, float, float, float] | None = None
     plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed plans by hash
     drops: list[DropState] = field(default_factory=list)
@@ -61,7 +61,7 @@ class VehicleStatistics:
 
 @dataclass(frozen=True, slots=True)
 class ClosestPair:
-    """The smallest 3-D distance between two vehicles in the air."""
+    """The minimum 3-D distance between two airborne vehicles."""
 
     distance_m: float
     at_us: int
@@ -79,7 +79,7 @@ class RunStatistics:
         self.sources = sources
         self.closest: ClosestPair | None = None
         self._in_air: dict[str, Telemetry] = {}
-        self.requests: Counter[str] = Counter()  # requests of operators, by the event's name
+        self.requests: Counter[str] = Counter()  # operators' requests, by event name
         self.restarts = 0  # restarts of the service
         self.alarms: Counter[str] = Counter()  # alarms raised, by kind; the state view counts them
 
@@ -90,7 +90,7 @@ class RunStatistics:
         if isinstance(event, Resumed):
             self.restarts += 1
         elif isinstance(event, FireReachedEdge):
-            pass  # not a request of an operator; the alarm is counted instead
+            pass  # not an operator's request; the alarm is counted instead
         elif isinstance(event, OperatorEvent):
             self.requests[type(event).__name__] += 1
         else:
@@ -124,7 +124,7 @@ class RunStatistics:
         return name in self._in_air
 
     def _compare(self, fix: Telemetry) -> None:
-        """Update the smallest distance; other vehicles are extrapolated by their velocity."""
+        """Update the minimum distance; other vehicles are extrapolated by their velocity."""
         self._in_air.pop(fix.vehicle, None)
         if fix.altitude_relative_m < AIRBORNE_M:
             return

@@ -36,7 +36,7 @@ GAP_US = 5_000_000  # a longer gap between positions counts as no flight
 
 @dataclass
 class LinkUse:
-    """The use and the quality of the links of one vehicle, over mission time."""
+    """The use and quality of one vehicle's links over mission time."""
 
     switches: Counter[str] = field(default_factory=Counter)  # by cause
     # The last changes of the link in use: time, link, cause.
@@ -67,7 +67,7 @@ class LinkUse:
                 spent_us["lost"] += round(during_us * each.loss_share)
 
     def of_links(self) -> list[dict[str, Any]]:
-        """Return the figures of each link; the mean loss is over the time in which it was known."""
+        """Return the figures of each link; the mean loss is over the time for which it is known."""
         found = []
         for link, spent_us in sorted(self._us.items()):
             known_us = spent_us["loss known"]

@@ -103,13 +103,13 @@ FIRE_EVERY_US = 30_000_000
 SOURCES_EVERY_US = 5_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
 OF_AIRSPACE = (AirspaceClosed, AirspaceOpened, ClearingOrdered, ClearingCancelled)
-# Kinds of the lines of the log about events of operators; all other lines concern the fire.
+# Kinds of log lines about operators' events; all other lines concern the fire.
 RECORD_KINDS: dict[type[OperatorEvent], RecordKind] = {
     SettingsChanged: "settings",
     AlarmAcknowledged: "alarm",
 }
 OF_FIRE = ("edge", "input")  # prefixes of alarms about the fire, which persist after a restart
-# Prefixes of the alarms that follow from the flight; all others concern the service itself.
+# Prefixes of the alarms that result from the flight; all others concern the service itself.
 OF_FLIGHT = (
     *("link", "one_link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
@@ -120,7 +120,7 @@ OF_FLIGHT = (
 
 
 def questioned(commands: Iterable[AnyCommand]) -> set[str]:
-    """Return the vehicles whose order was refused or needs a confirmation."""
+    """Return the vehicles whose order was refused or needs confirmation."""
     lines = [command for command in commands if isinstance(command, Announce)]
     return {line.vehicle for line in lines if line.text.startswith((CONFIRM, REJECTED))}
 
@@ -140,7 +140,7 @@ class StateView(Notices):
     def __init__(
         self, scenario: Scenario, landscape: Landscape, at_us: int, warnings: Sequence[str] = ()
     ) -> None:
-        """Begin at ``at_us`` with an alarm for each of the warnings about the scenario."""
+        """Begin at ``at_us`` with an alarm for each warning about the scenario."""
         sources = ObservationSources(landscape, scenario.estimate.sensors, at_us)
         names = tuple(each.name for each in scenario.flown)
         super().__init__(at_us, RunStatistics(names, at_us, sources))
@@ -249,7 +249,7 @@ class StateView(Notices):
         self._touch("fire_arrivals")
 
     def replay_changed(self) -> None:
-        """Mark the replay as changed after a change of its position or speed."""
+        """Mark the replay as changed after a change in its position or speed."""
         self._touch("replay")
 
     def take_the_place_of(self, before: "StateView") -> None:
@@ -424,7 +424,7 @@ class StateView(Notices):
         if event.percent < LOW_BATTERY_PCT:
             self.alarm(f"battery/{name}", f"{name}: battery low", "warning", name)
         elif event.percent >= GOOD_BATTERY_PCT and not vehicle.armed:
-            # In flight a charge does not rise: a wrong value must not hide a low battery.
+            # In flight the charge does not rise: a wrong value must not hide a low battery.
             self.clear_alarm(f"battery/{name}")
 
     def _uploaded(self, vehicle: VehicleState, event: UploadFinished) -> None:
@@ -616,7 +616,7 @@ class StateView(Notices):
         return {name: text for (kind, _, name), text in split if kind == prefix}
 
     def fire(self, area_ha: float, corrections: list[dict[str, Any]]) -> dict[str, Any]:
-        """Return area, wind and corrections of the fire; clients request the shape separately."""
+        """Return the fire's area, wind and corrections; clients request the shape separately."""
         wind = self.wind_set
         return {
             "schema": "fire/1",

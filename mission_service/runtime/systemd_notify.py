@@ -32,7 +32,7 @@ def notify_systemd(state: str) -> bool:
 
 
 def watchdog_s() -> float | None:
-    """Return the interval of notifications that systemd requires; None without a watchdog."""
+    """Return the notification interval that systemd requires; None without a watchdog."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     pid = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not microseconds.isdigit() or int(microseconds) == 0 or pid != str(os.getpid()):

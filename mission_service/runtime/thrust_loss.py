@@ -67,5 +67,5 @@ def _add(values: deque[tuple[int, float]], value: float, now_us: int, over_us: i
 
 
 def _mean(values: deque[tuple[int, float]]) -> float:
-    """Return the mean of (time, value) pairs; NaN without pairs."""
+    """Return the mean value of (time, value) pairs; NaN without pairs."""
     return math.fsum(value for _, value in values) / len(values) if values else math.nan

@@ -52,7 +52,7 @@ class Track(Sequence[Point]):
 
 
 def feature(geometry: str, coordinates: Any, /, **properties: Any) -> dict[str, Any]:
-    """Return a GeoJSON Feature with a geometry of this type."""
+    """Return a GeoJSON Feature with a geometry of the given type."""
     shape = {"type": geometry, "coordinates": coordinates}
     return {"type": "Feature", "properties": properties, "geometry": shape}
 

@@ -1,8 +1,8 @@
 """Opens each link of a live run once, with a client for each vehicle on the link.
 
 Vehicles on the same link have different system ids. Each vehicle is bound to the remote address at
-which the vehicle was found (``autopilot_bridge/vehicle/remote_binding.py``). The links of vehicles
-that share a link or a backup link are opened by one connection.
+which it was found (``autopilot_bridge/vehicle/remote_binding.py``). Vehicles that share a link or a
+backup link share one connection, which opens all their links.
 """
 
 import asyncio
@@ -42,7 +42,7 @@ REPORT_SILENCE_AFTER_US = 4_000_000
 # Vehicles exceed the commanded airspeed: ArduPlane flew at 23 instead of 15 m/s, and faster in a
 # dive.
 FASTER = 2.0
-BACKUP_ID_OFFSET = 127  # from the link id of signatures of the preferred link; modulo 255
+BACKUP_ID_OFFSET = 127  # added to the preferred link's signing link id, modulo 255
 STRONGEST_WIND_M_S = 30.0  # wind assumed for flights, unless the scenario has stronger wind
 SEVERITIES: dict[str, Severity] = {
     "source": "severe",
@@ -57,14 +57,14 @@ Report = Callable[[str, str], None]  # receives a vehicle, or "service", and a w
 
 @dataclass
 class Link:
-    """One vehicle's link: its gateway, its connection and its refused frames."""
+    """One vehicle's link: its gateway, connection and refused frames."""
 
     section: VehicleSection
     gateway: Gateway
     connection: Connection | MavsdkClient  # shared with other vehicles on the same link
-    ports: tuple[Port, ...]  # those of the vehicle's links, the preferred link first
+    ports: tuple[Port, ...]  # of the vehicle's links, the preferred link first
     refusals: tuple[SigningRefusals, ...]  # of each port
-    unexpected: Mapping[int, Stack]  # by system id: received autopilots that the scenario lacks
+    unexpected: Mapping[int, Stack]  # autopilots received but not in the scenario, by system id
 
     @property
     def connected(self) -> bool:
@@ -106,7 +106,7 @@ async def open_links(
     """
     groups = sharing(scenario.flown)
     if any(section.backend == "mavsdk" for section in scenario.flown):
-        # A transfer and a command of each vehicle may run at once, in separate threads.
+        # A transfer and a command of each vehicle may run simultaneously, in separate threads.
         threads = ThreadPoolExecutor(2 * len(scenario.flown) + 2)
         asyncio.get_running_loop().set_default_executor(threads)
     tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
@@ -154,9 +154,9 @@ async def open_links(
 def _link_ids(
     sections: list[VehicleSection], addresses: tuple[str, ...], places: dict[str, int]
 ) -> list[int]:
-    """Return the link id of signatures for each link; those of a vehicle's links differ.
+    """Return the signing link id for each link; the ids of a vehicle's links differ.
 
-    A receiver accepts only increasing timestamps from the same link id, and frames over two links
+    A receiver accepts only increasing timestamps from the same link id, and frames on two links
     may overtake each other.
     """
     of_link: dict[str, int] = {}
@@ -169,7 +169,7 @@ def _link_ids(
 
 
 def _station_id(section: VehicleSection) -> int:
-    """Return the system id of the heartbeats that a vehicle receives."""
+    """Return the system id of the heartbeats sent to a vehicle."""
     return MAVSDK_IDS[0] if section.backend == "mavsdk" else STATION_ID
 
 
@@ -183,8 +183,8 @@ def _clients_of(
 ) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient, Mapping[int, Stack]]:
     """Return the clients of vehicles that share links, and their connection, not yet open.
 
-    The third value contains the received autopilots that the scenario lacks, by system id.
-    ``link_ids`` contains the link ids of signatures for the addresses of all links.
+    The third value contains the autopilots received but not in the scenario, by system id.
+    ``link_ids`` contains the signing link ids for the addresses of all links.
     """
     first = sections[0]
     if first.backend == "mavsdk":
@@ -231,7 +231,7 @@ def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
 
 
 class LinkMonitor:
-    """A monitor that once, some seconds after the start, reports vehicles without a heartbeat."""
+    """A monitor that reports vehicles without a heartbeat once, some seconds after the start."""
 
     def __init__(self, links: dict[str, Link], now_us: int) -> None:
         self._unreported = dict(links)

@@ -1,9 +1,9 @@
 """Name the files that sensors have read, so that a restarted run does not use them again. Pure.
 
 Each event that a sensor makes from a file contains the name of the file, the time of the file's
-last change in nanoseconds, the size of the file in bytes, and the number of the event among the
-events of the file (for example 2/3). A file that replaces another one of the same name is therefore
-a new file.
+last modification in nanoseconds, the size of the file in bytes, and the number of the event among
+the events of the file (for example 2/3). A file that replaces another with the same name is
+therefore a new file.
 """
 
 from collections.abc import Iterable

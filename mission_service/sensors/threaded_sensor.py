@@ -8,7 +8,7 @@ class ThreadedSensor(ABC):
     """A sensor with a thread, which ``start`` starts and ``close`` ends."""
 
     def __init__(self) -> None:
-        self._error: Exception | None = None  # that ended the thread
+        self._error: Exception | None = None  # the exception that ended the thread
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
 

@@ -21,7 +21,7 @@ from mission_service.sensors.sensor_files import whole_files
 from mission_service.sensors.threaded_sensor import ThreadedSensor
 
 SCAN_EVERY_S = 0.25
-MAX_SHARE = 0.05  # of the thread's time, for listing a folder of many files
+MAX_SHARE = 0.05  # of the thread's time, for listing a folder with many files
 MAX_AT_ONCE = 100  # files; if more files are new at once, only the newest are used
 
 RETRIED_FOR_S = 3.0  # for a file whose use requires data that arrive later
@@ -40,7 +40,7 @@ class WatchedFolder(ThreadedSensor):
         """Check the folder.
 
         Args:
-            key: The key of the scenario that names the folder.
+            key: The scenario key that names the folder.
             folder: The value of the key.
             suffixes: The suffixes of the files to use, in lower case.
             noun: The word for a file in ``problem``, with its article, for example "an image".
@@ -65,7 +65,7 @@ class WatchedFolder(ThreadedSensor):
 
     @abstractmethod
     def process_file(self, path: Path, now: datetime) -> None:
-        """Read a new file, in the thread. An exception states why the file is not used.
+        """Read a new file, in the thread. An exception gives the reason why the file is not used.
 
         After an IncompleteError, the file is read again for up to ``RETRIED_FOR_S``.
         """

@@ -25,7 +25,7 @@ class BatteryCrew:
         """Give each mock a full battery.
 
         Args:
-            mocks: Mocks by the name of their vehicle; other processes may have further mocks.
+            mocks: Mocks by vehicle name; other processes may have further mocks.
 
         Raises:
             ScenarioError: A vehicle of the scenario has no ``endurance_s``.

@@ -36,7 +36,7 @@ def run_demo(
 ) -> dict[str, Any]:
     """Fly the scenario ``name`` with mock autopilots over UDP and return the summary.
 
-    Raises MissionServiceError if the process of a mock ends.
+    Raises MissionServiceError if a mock's process ends.
     """
     scenario = run.scenario
     with contextlib.ExitStack() as stack:

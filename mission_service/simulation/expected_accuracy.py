@@ -1,14 +1,13 @@
-"""Compute the expected error of the estimated front with different numbers of aircraft. Pure.
+"""Computes the expected error of the estimated front with different numbers of aircraft. Pure.
 
 No true fire is simulated. The fire is computed from the scenario's inputs, and aircraft circle the
-fronts of at least 200 m, one front after the other, at equal distances in time. The aircraft fly at
+fronts of at least 200 m, one front after another, at equal time intervals. The aircraft fly at
 their airspeed in the scenario's wind (copters: at that speed over the ground), and observe the
 cells within half the width of their camera's footprint. Parts of the front at the edge of the
 landscape are left out. Whenever a part of the front is observed, the filter that learns wind and
-spread rates (``learned_inputs``) is updated as in a run. The covariance of this filter, computed at
-the scenario's inputs, depends on when and where the front is observed, not on the result. The
-position of a part of the front that was last observed τ seconds ago has the standard deviation s
-with
+spread rates (``learned_inputs``) is updated as in a run. The covariance of this filter, computed
+for the scenario's inputs, depends on when and where the front is observed, not on the result. The
+position of a part of the front last observed τ seconds ago has the standard deviation s given by
 
     s² = s₀² + (σ τ)²,
 
@@ -37,13 +36,13 @@ from mission_service.errors import OptionError, ScenarioError
 from mission_service.fire.camera import camera_of
 from mission_service.fire.scenario_fire import reported_fire, require_fire
 
-STEP_S = 30.0  # the period of images in the estimate
+STEP_S = 30.0  # interval between images in the estimate
 AVERAGED_S = 600.0  # the results are means over the last ten minutes
 MIN_FRONT_M = 200.0  # shorter fronts are not circled
 LIKELY_SHARE = 0.9
 MAX_COUNT = 50
-EDGE_CELLS = 1.0  # parts of the front as near to the edge of the landscape are left out
-SPACING = 0.3  # between positions of the camera on the way, as a fraction of its reach
+EDGE_CELLS = 1.0  # parts of the front this close to the landscape's edge are left out
+SPACING = 0.3  # between camera positions along the path, relative to the camera's reach
 MAX_WIND = 0.95  # maximum wind speed as a fraction of the airspeed
 # Standard deviation of the position of a front just observed, in cells (uniform within a cell).
 CELL_SD = 1.0 / math.sqrt(12.0)
@@ -84,11 +83,11 @@ class _Team:
     """Aircraft on a tour of the fronts, and the time at which each cell was last observed."""
 
     def __init__(self, count: int, learned: LearnedInputs, fire: Fire) -> None:
-        """Begin with the takeoff at the fire's time."""
+        """Begin with the takeoff at the fire's current time."""
         self.learned = learned
         self.takeoff_s = fire.time_s
         self.seen_s = np.full(fire.landscape.shape, -np.inf)
-        # The slots of the aircraft on the tour, as fractions of the time of a whole tour.
+        # The slots of the aircraft on the tour, as fractions of the duration of a whole tour.
         self.slots = np.arange(count) / max(count, 1)
         self.in_slot = np.zeros(count, dtype=bool)  # whether each aircraft has reached its slot
         # For each of the last steps and all points: standard deviation (m), advance since the last
@@ -112,10 +111,10 @@ def expected_accuracy(
         section: The aircraft: home, airspeed, altitude and camera.
         counts: The numbers of aircraft; 0 is the fire model alone.
         minutes: The time after takeoff.
-        warn: Is called with each reason why the errors may differ more.
+        warn: A function that is called with each warning about the results.
 
     Raises:
-        OptionError: There is no number, a number is negative or above ``MAX_COUNT``, or the time is
+        OptionError: No number is given, a number is negative or above ``MAX_COUNT``, or the time is
             not from 10 to 1440 minutes.
         ScenarioError: Nothing burns at takeoff, or the fire has no front of four cells or more
             within the landscape at the end.
@@ -190,7 +189,7 @@ def _fronts(team: _Team, fire: Fire) -> list[FrontLine]:
 
 
 def _wind_m_s(fire: Fire, section: VehicleSection) -> Floats:
-    """Return the motion of the air to the north and east; 0 for copters, which hold their speed."""
+    """Return the air's motion to the north and east; 0 for copters, which hold their speed."""
     weather = fire.weather.weather_at(fire.time_s)
     toward = math.radians(float(fire.landscape.grid_deg(weather.wind_from_deg + 180.0)))
     speed_m_s = 0.0 if section.kind == "copter" else weather.wind_speed_m_s
@@ -206,7 +205,7 @@ def _flown(
 ) -> Iterator[tuple[Floats, Floats]]:
     """Move the slots for one period; yield the positions (rows, columns) of each aircraft in one.
 
-    An aircraft reaches its slot after the time of the straight flight from home.
+    An aircraft reaches its slot after a straight flight from home.
     """
     land, wind_m_s = fire.landscape, _wind_m_s(fire, section)
     row, col = _tour(fronts, MIN_FRONT_M / land.cell_size_m)
@@ -245,7 +244,7 @@ def _times_s(
 ) -> Floats:
     """Return the times (n) from the start of a tour in moving air; ``wind_m_s`` is (north, east).
 
-    A faster wind is reduced to 95 % of the airspeed: an aircraft could not complete the tour in it.
+    Winds above 95 % of the airspeed are reduced to it, because no aircraft could complete the tour.
     """
     north, east = -np.diff(row), np.diff(col)
     length = np.hypot(north, east)
@@ -258,7 +257,7 @@ def _times_s(
 
 
 def _mark_in_view(seen: Mask, row: Floats, col: Floats, radius: float) -> None:
-    """Mark the cells within ``radius`` cells of a way, at positions along it."""
+    """Mark the cells within ``radius`` cells of positions along a path."""
     spacing = max(SPACING * radius, 0.5)
     along = lengths_along(np.column_stack([row, col]))
     at = np.linspace(0.0, along[-1], math.ceil(along[-1] / spacing) + 1)
@@ -313,7 +312,7 @@ def _accuracy(team: _Team, fire: Fire) -> Accuracy:
 
 
 def _mean_distance_m(moved_m: Floats, sd_m: float) -> float:
-    """Return the mean absolute value of normal errors with means (n) and one deviation."""
+    """Return the mean absolute value of normal errors with means (n) and one standard deviation."""
     part = moved_m / sd_m
     folded = sd_m * MEAN_OF_SD * np.exp(-0.5 * part**2) + moved_m * (1.0 - 2.0 * ndtr(-part))
     return float(folded.mean())

@@ -26,7 +26,7 @@ from mission_service.fire.scenario_fire import fire_of, landscape_of, warnings_o
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.result_files import check_command
 
-STEPS = 200  # number of progress reports of a run
+STEPS = 200  # number of progress reports in a run
 MAX_FRONTS = 10_000
 WARM_HEIGHT = "warm_height_m.tif"
 
@@ -71,10 +71,10 @@ def run_fire(
     with writing(folder):
         remove_parts(folder)
         path = folder / "fire.nc"
-        path.unlink(missing_ok=True)  # the file of an earlier run
+        path.unlink(missing_ok=True)  # the file from an earlier run
         if netcdf:
             write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
-        for suffix in (".tif", ".qml"):  # the files of an earlier run
+        for suffix in (".tif", ".qml"):  # the files from an earlier run
             (folder / WARM_HEIGHT).with_suffix(suffix).unlink(missing_ok=True)
         if warm_m is not None:
             write_raster(folder / WARM_HEIGHT, warm_m, landscape, WARM_HEIGHT_LAYER)
@@ -84,8 +84,8 @@ def run_fire(
 def warm_heights_m(fire: Fire, max_warming_k: float | None) -> Floats | None:
     """Return the height (y, x) up to which the front warms the air by more than a limit.
 
-    The height is in m above the ground, in calm air, which gives an upper limit. Unburned cells
-    have NaN. Without a limit, the result is None.
+    The height is in m above the ground, in calm air, which gives an upper limit. Unburned cells are
+    NaN. Without a limit, the result is None.
     """
     if max_warming_k is None:
         return None
@@ -93,7 +93,7 @@ def warm_heights_m(fire: Fire, max_warming_k: float | None) -> Floats | None:
 
 
 def heat_warnings(scenario: Scenario, warm_m: Floats | None) -> list[str]:
-    """Return a warning for each vehicle with an altitude in the warm air of some cells."""
+    """Return a warning for each vehicle whose altitude is in warm air above some cells."""
     if warm_m is None or not (warm_m > 0.0).any():
         return []
     limit_k, highest_m = scenario.mission.max_warming_k, float(np.nanmax(warm_m))
@@ -138,7 +138,7 @@ def check_times(scenario: Scenario) -> None:
 
 
 def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
-    """Return the times of the fronts to write: each ``every_s`` after the start, and the end."""
+    """Return the times of the fronts to write: every ``every_s`` from the start, and the end."""
     count = max(math.ceil((end_s - start_s) / every_s - 1e-9), 1)
     if count > MAX_FRONTS:
         raise ScenarioError(

@@ -42,16 +42,16 @@ from mission_service.simulation.forecast_picture import draw_forecast
 from mission_service.simulation.result_files import check_command, whole_files
 
 GROWN = 1.1  # minimum ratio of the areas of two perimeters of a growing fire
-AHEAD_H = (1, 3, 6)  # hours of the forecasts from the last perimeter
+AHEAD_H = (1, 3, 6)  # lead times of the forecasts from the last perimeter
 MAX_PICTURES = 40
 
 
 class Step(NamedTuple):
-    """One forecast from a perimeter to the next perimeter, and both perimeters as observed."""
+    """One forecast from a perimeter to the next, and both perimeters as observed."""
 
     before: Observation
     after: Observation
-    probability: Floats  # (y, x) the forecast probability of burned cells
+    probability: Floats  # (y, x) the forecast burn probability
     likely: Mask  # (y, x) the forecast burned area
     free: Mask  # (y, x) the area burned in the model without assimilation
 
@@ -134,7 +134,7 @@ def assimilate(
             _draw(steps, landscape, scenario.name, zero, part)
             _write_ahead(ahead, landscape, part)
             write_whole(part / "assimilation.json", json.dumps(summary, indent=2) + "\n")
-            for picture in folder.glob("forecast_*.png"):  # pictures of an earlier run
+            for picture in folder.glob("forecast_*.png"):  # pictures from an earlier run
                 if not (part / picture.name).exists():
                     picture.unlink()
     return summary
@@ -230,7 +230,7 @@ def _scores(step: Step, landscape: Landscape, zero: datetime) -> dict[str, Any]:
     cell_ha = landscape.cell_size_m**2 / 1e4
 
     def distance(mask: Mask) -> float:
-        # The outline follows the sides of cells.
+        # The outline follows the cell edges.
         area = front_polygons(np.where(mask, 0.0, 1.0), 0.5, landscape)
         return round(mean_distance_m(area, after.area), 1)
 

@@ -1,4 +1,4 @@
-"""Simulates the fire of a scenario many times with random errors, and writes probabilities."""
+"""Simulates a scenario's fire many times with random errors, and writes probabilities."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -64,7 +64,7 @@ MEMBER_AT_EDGE = f"the fire of one or more members reached the edge of the lands
 class Job:
     """The data for simulating members.
 
-    Each worker receives these data once and computes the start state once.
+    Each worker receives the data once and computes the start state once.
     """
 
     landscape: Landscape
@@ -81,7 +81,7 @@ class Job:
 
     @cached_property
     def start_state(self) -> Start:
-        """The start state that all members have in common, without the ignitions."""
+        """The start state that all members share, without the ignitions."""
         fire = new_fire(
             self.scheme,
             self.landscape,

@@ -1,4 +1,4 @@
-"""Simulates a scenario's fire for all combinations of given values of some keys."""
+"""Simulates a scenario's fire for all combinations of the values given for some keys."""
 
 import csv
 import json
@@ -98,7 +98,7 @@ def sweep_of(scenario: str, overrides: tuple[str, ...], varied: Sequence[str]) -
 
 
 def _values_in(text: str, given: str) -> tuple[str, ...]:
-    """Return the values of a list ``3,5,8`` or of a range ``first:last:step``."""
+    """Return the values in a list ``3,5,8`` or a range ``first:last:step``."""
     try:
         first, last, step = (Decimal(part) for part in given.split(":"))
     except (InvalidOperation, ValueError):
@@ -117,7 +117,7 @@ def _values_in(text: str, given: str) -> tuple[str, ...]:
 
 
 def _entries(text: str, given: str) -> tuple[str, ...]:
-    """Return the entries of a list, separated by commas outside of quotes and brackets."""
+    """Return the entries of a list, separated by commas outside quotes and brackets."""
     found, depth, quote = [""], 0, ""
     for each in given:
         if quote:
@@ -201,7 +201,7 @@ def _check_effects(sweep: Sweep, scenarios: list[Scenario]) -> None:
 
 
 def _checked(sweep: Sweep, scenarios: list[Scenario]) -> Iterator[str]:
-    """Check the inputs of all runs and yield all warnings; equal warnings are repeated."""
+    """Check the inputs of all runs and yield all warnings, including repeated ones."""
     for number, scenario in enumerate(scenarios):
         try:
             check_times(scenario)

@@ -29,7 +29,7 @@ BEFORE, AFTER, FREE = "#404040", "#08306b", "#7a0177"
 def draw_forecast(
     path: Path, landscape: Landscape, step: "Step", name: str, time_zero: datetime | None
 ) -> None:
-    """Draw a forecast's probability bands, both perimeters, and the area of the model alone.
+    """Draw a forecast's probability bands, both perimeters, and the area burned in the model alone.
 
     Raises FireModelError if the file cannot be written.
     """
@@ -88,7 +88,7 @@ def draw_forecast(
 
 
 def _extent(landscape: Landscape) -> tuple[float, float, float, float]:
-    """Return west, east, south and north of the cell centres in km, for the axes."""
+    """Return the west, east, south and north limits of the cell centres in km."""
     rows, cols = landscape.shape
     cell_km = landscape.cell_size_m / 1e3
     return 0.5 * cell_km, (cols - 0.5) * cell_km, 0.5 * cell_km, (rows - 0.5) * cell_km

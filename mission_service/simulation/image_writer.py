@@ -23,7 +23,7 @@ from mission_service.sensors.thermal.thermal_image import SUFFIXES
 from mission_service.simulation.thermal_images import rendered, write_frame
 
 WIDTH, HEIGHT = 160, 128  # pixels
-# Mission time 0 in the files of a simulation, constant so that equal runs write equal files.
+# Mission time 0 in a simulation's files, constant so that equal runs write equal files.
 SIMULATED_ZERO = datetime(2026, 1, 1, tzinfo=UTC)
 
 
@@ -37,7 +37,7 @@ class ImageWriter:
         fire: SimulatedFire,
         times_of: Callable[[CapturedImage], tuple[int, datetime]],
     ) -> None:
-        """Set the fire; ``times_of`` returns an image's mission time in µs and time in the file.
+        """Set the fire; ``times_of`` returns an image's mission time in µs and its file time.
 
         Raises ScenarioError for a missing folder, and if no mission would trigger the camera.
         """
@@ -55,7 +55,7 @@ class ImageWriter:
         self._lens = Lens(WIDTH, HEIGHT, focal_px, scenario.estimate.thermal_frames.distortion)
 
     def write(self, image: CapturedImage) -> None:
-        """Write a captured image, unless the camera is not above the landscape."""
+        """Write a captured image if the camera is above the landscape."""
         at_us, taken = self._times_of(image)
         self._fire.advance(at_us)
         rng = np.random.default_rng((*self._seed, image.number))
@@ -97,7 +97,7 @@ def _pose_of(image: CapturedImage, land: Landscape) -> CameraPose:
 def _with_errors(
     pose: CameraPose, errors: SimulatedCameraSection, rng: np.random.Generator
 ) -> CameraPose:
-    """Return a pose with the random errors of its measurement."""
+    """Return a pose with random measurement errors."""
     steps = (
         *rng.normal(0.0, errors.gps_sd_m, 3),
         *rng.normal(0.0, errors.gimbal_sd_deg, 3),

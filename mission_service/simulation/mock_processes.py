@@ -32,7 +32,7 @@ from mission_service.simulation.demo import vehicle_of
 from mission_service.simulation.image_writer import ImageWriter
 from mission_service.simulation.sim import fit_remote_id, mock_of
 
-FARTHER_DEG = 0.001  # longitude between the homes of two successive mocks
+FARTHER_DEG = 0.001  # of longitude between the homes of successive mocks
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +148,7 @@ def by_hand(
 
 @dataclass(frozen=True)
 class MocksOnLink:
-    """The mocks on one link, or on several if each mock has as many telemetry ports.
+    """The mocks on one link, or on several if each mock has that many telemetry ports.
 
     ``signing_key`` is the source of the mocks' key. ``crew`` replaces batteries of these mocks and
     of the other mocks of the process.
@@ -261,9 +261,9 @@ def run(
 ) -> None:
     """Run mocks until SIGINT or SIGTERM; print one line for each mock when its link is open.
 
-    With ``until_eof`` the run also ends when standard input, a pipe, is closed, so that the run
-    ends even if the parent process is killed. A mock signs with its ``signing_key``, or with the
-    key from a SETUP_SIGNING message.
+    With ``until_eof`` the run also ends when standard input, a pipe, is closed, so that it ends
+    even if the parent process is killed. A mock signs with its ``signing_key``, or with the key
+    from a SETUP_SIGNING message.
     """
     timestamps = Timestamps(wall_us)
 

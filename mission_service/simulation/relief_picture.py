@@ -20,7 +20,7 @@ Bar = tuple[float, float]  # start and length, in hours
 
 
 def draw_relief(path: Path, watch: Watch, plan: ReliefPlan, name: str, words: str) -> None:
-    """Draw a row for each aircraft and for each battery, with the lapses across all rows.
+    """Draw a row for each aircraft and each battery, with the lapses across all rows.
 
     Raises FireModelError if the file cannot be written.
     """

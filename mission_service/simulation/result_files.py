@@ -1,8 +1,7 @@
 """Stores the results of many runs in a folder, so that a stopped command can be resumed.
 
 Each result is one file, which is written completely or not at all. The file ``recipe.json``
-contains the inputs of the computation (the recipe); a folder is used again only for the same
-recipe.
+contains the inputs of the computation (the recipe); a folder is reused only for the same recipe.
 """
 
 import hashlib
@@ -24,8 +23,8 @@ from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 
 RECIPE = "recipe.json"
-PART = ".part-"  # the beginning of the names of temporary folders
-# A result of each command, which identifies the folder of the command's results.
+PART = ".part-"  # prefix of the names of temporary folders
+# One result of each command, which identifies its results folder.
 COMMANDS = {
     "fire run": "arrival_time_s.tif",
     "fire run --members": "members",
@@ -47,7 +46,7 @@ USED |= {"weather", "weather_file", "wind_grids", "terrain_wind", "burn", "suppr
 
 
 def recipe_of(scenarios: Sequence[Scenario]) -> Recipe:
-    """Return the inputs of fires: settings (of the first scenario), input files, the fire model.
+    """Return the fires' inputs: settings (of the first scenario), input files, the fire model.
 
     Raises OSError or FireModelError for a file that cannot be read.
     """
@@ -67,7 +66,7 @@ def recipe_of(scenarios: Sequence[Scenario]) -> Recipe:
 def whole_files(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder, whose files are moved to ``folder`` if no exception is raised.
 
-    Temporary folders of killed processes in ``folder`` are removed.
+    Temporary folders left in ``folder`` by killed processes are removed.
     """
     for left in folder.glob(f"{PART}*"):
         shutil.rmtree(left, ignore_errors=True)
@@ -115,7 +114,7 @@ def results_folder(folder: Path, recipe: Recipe) -> Path:
 
 
 def difference(before: Any, now: Any, key: str = "") -> str:
-    """Return the first difference of two recipes, as ``key: before, now``."""
+    """Return the first difference between two recipes, as ``key: before, now``."""
     if isinstance(before, dict) and isinstance(now, dict):
         names = sorted({*before, *now})
         pairs = [(name, before.get(name, "missing"), now.get(name, "missing")) for name in names]
@@ -141,7 +140,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def numbered(folder: Path, number: int, suffix: str) -> Path:
-    """Return the path of the file of the result with this number."""
+    """Return the path of the result file with this number."""
     return folder / f"{number:06d}{suffix}"
 
 
@@ -162,9 +161,9 @@ def complete(
     """Compute and store the results below ``count`` that are missing in a folder.
 
     Args:
-        folder: The folder of the results.
+        folder: The results folder.
         count: The number of all results.
-        suffix: The suffix of the results' files.
+        suffix: The suffix of the result files.
         compute: A function that returns the results with the given numbers, in the same order.
         save: A function that writes a result to a file.
         progress: A function that is called after each new result with the number of results in the

@@ -61,7 +61,7 @@ Crew = Callable[[int, Core], list[AnyOperatorEvent]]
 
 
 def memory_link(section: LinkSection, seed: int) -> MemoryLink:
-    """Return the simulated link in one direction."""
+    """Return the simulated link for one direction."""
     return MemoryLink(
         loss=section.loss,
         delay_us=round(section.delay_ms * 1e3),
@@ -72,14 +72,14 @@ def memory_link(section: LinkSection, seed: int) -> MemoryLink:
 
 
 def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
-    """Return the mock autopilot of a vehicle on the ground at its home."""
+    """Return the mock autopilot for a vehicle on the ground at its home."""
     mock = MockAutopilot(
         stack_named(section.stack, section.kind),
         LocalFrame(*home_of(section, landscape)),
         system_id=section.system_id,
         airspeed_m_s=section.airspeed_m_s,
     )
-    if section.kind == "copter":  # the wind slows it down at this airspeed
+    if section.kind == "copter":  # a headwind slows it down at this airspeed
         fastest_m_s = max(section.max_airspeed_m_s, section.airspeed_m_s)
         mock.flight.limits = replace(mock.flight.limits, max_airspeed_m_s=fastest_m_s)
     return mock
@@ -120,7 +120,7 @@ class SimulatedVehicle:
         self._down = memory_link(scenario.link, seed + 1)
 
     def next_timer(self) -> int:
-        """Return the time of the next timer of client, mock and links (µs)."""
+        """Return the time of the next timer of the client, mock or links (µs)."""
         due_us = min(self._mock_due_us, self.client.next_timer())
         for link in (self._up, self._down):
             arrives_us = link.next_timer()
@@ -141,7 +141,7 @@ class SimulatedVehicle:
             self._up.send(datagram, now_us)
 
     def _advance_mock(self, arrived: list[bytes], now_us: int) -> None:
-        """Handle the mock's datagrams and timer, with the wind of the simulated fire."""
+        """Handle the mock's datagrams and timer, using the simulated fire's wind."""
         if self._weather is not None:
             self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
         for datagram in arrived:
@@ -224,7 +224,7 @@ class Simulation:
         return self._heap[0][0]
 
     def step(self) -> None:
-        """Handle the next timer of a vehicle, then the due events of the crew."""
+        """Handle the next timer of a vehicle, then the crew's due events."""
         now_us, index = heapq.heappop(self._heap)
         self.rigs[index].handle_due(now_us, self.service)
         if self._batteries is not None:
@@ -241,7 +241,7 @@ class Simulation:
 
 
 def clock_sensors_in(scenario: Scenario) -> list[str]:
-    """Return the names of the sensors that use the time of the host's clock.
+    """Return the names of the sensors that use the host's clock.
 
     The journals of two simulations with such a sensor would differ.
     """
@@ -249,7 +249,7 @@ def clock_sensors_in(scenario: Scenario) -> list[str]:
 
 
 def _check_sensors(scenario: Scenario) -> None:
-    """Raise ScenarioError for a sensor that uses the time of the host's clock."""
+    """Raise ScenarioError for a sensor that uses the host's clock."""
     if names := clock_sensors_in(scenario):
         raise ScenarioError(
             f"{scenario.name}: estimate.sensors: {names[0]} uses the time of the clock, which a "
@@ -272,9 +272,9 @@ def simulate(
 
     ``created`` (wall-clock time as text) is only written to the journal's header. ``progress`` is
     called about once a minute of mission time. ``crew`` returns the operators' events that are due
-    at a mission time.
+    at the given mission time.
 
-    Raises ScenarioError for a sensor that uses the time of the host's clock.
+    Raises ScenarioError for a sensor that uses the host's clock.
     """
     _check_sensors(scenario)
     scenario = _with_simulated_fire(scenario)

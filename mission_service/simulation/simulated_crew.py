@@ -10,9 +10,9 @@ NAME = "simulated crew"
 
 
 class SimulatedCrew:
-    """A crew that approves each plan ``thinks_s`` after the plan is proposed.
+    """A crew that approves each plan ``thinks_s`` after it is proposed.
 
-    ``script`` contains further events of operators, in order of time.
+    ``script`` contains further operator events, in time order.
     """
 
     def __init__(

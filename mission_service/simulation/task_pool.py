@@ -12,7 +12,7 @@ from mission_service.errors import MissionServiceError
 SECONDS_TO_CONNECT = 30
 HOW_TO_INSTALL = "pip install 'mission-service[cluster]'"
 
-# Runs ``work(item, job)`` for each item, and yields the results in the order of the items.
+# Runs ``work(item, job)`` for each item, and yields the results in item order.
 Run = Callable[[Callable[[Any, Any], Any], Sequence[Any], Any], Iterator[Any]]
 
 
@@ -77,8 +77,8 @@ def dask_client(scheduler: str, command: str) -> Iterator[Any]:
                 f"{command}: {scheduler}: no certificates; set distributed.comm.tls in Dask's "
                 "configuration"
             )
-    # What the client and its connection log as errors is also raised as exceptions. Dask sets a
-    # level of its own for the logger of the client.
+    # Errors logged by the client and its connection are also raised as exceptions. Dask sets its
+    # own level for the client's logger.
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     client_of: Any = distributed.Client

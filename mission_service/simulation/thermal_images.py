@@ -1,4 +1,4 @@
-"""Renders the images of a thermal camera above a fire, and writes files like radiometric cameras.
+"""Renders images from a thermal camera above a fire, and writes them like radiometric cameras.
 
 Simulated cameras, tests and benchmarks use these images.
 """
@@ -55,13 +55,13 @@ def write_frame(
         yaw_deg = float(landscape.true_deg(pose.yaw_deg))
         exif[XMP_TAG] = XMP.format(yaw_deg, pose.pitch_deg, pose.roll_deg, lens.focal_px).encode()
     exif.get_ifd(GPS_IFD).update(gps)
-    exif[GPS_IFD] = 0  # Pillow writes only the groups of tags whose key is present
+    exif[GPS_IFD] = 0  # Pillow writes only the tag groups whose key is present
     image = Image.fromarray(values.astype(np.float32) if values.dtype == np.float64 else values)
     image.save(path, format="TIFF", exif=exif)
 
 
 def _position(landscape: Landscape, pose: CameraPose) -> dict[int, Any]:
-    """Return the GPS tags of a position."""
+    """Return the GPS tags for a position."""
     from PIL.TiffImagePlugin import IFDRational
 
     lat_deg, lon_deg = (float(each) for each in landscape.lat_lon_of(pose.x_m, pose.y_m))

@@ -47,13 +47,13 @@ class GivenWind(NamedTuple):
     from_deg: float | None = None  # clockwise from true north
     measured: Path | None = None
     at_s: float | None = None
-    slope_flow: bool = False  # add the slope flow in the sunlight at at_s
+    slope_flow: bool = False  # add the slope flow due to sunlight at at_s
 
 
 def run_wind(scenario: Scenario, folder: Path, given: GivenWind) -> dict[str, Any]:
     """Write the wind 20 ft above the vegetation and a summary to a folder; return the summary.
 
-    Raises ScenarioError for a file of measurements that cannot be used or a folder that cannot be
+    Raises ScenarioError for a measurement file that cannot be used or a folder that cannot be
     written to, and FireModelError for a landscape without elevation.
     """
     check_command(folder, "fire wind")
@@ -99,9 +99,9 @@ def run_wind(scenario: Scenario, folder: Path, given: GivenWind) -> dict[str, An
 
 
 def write_wind(folder: Path, wind: NDArray[np.floating], landscape: Landscape) -> None:
-    """Write the wind (2, y, x) towards grid north and east as GeoTIFFs and as WindNinja does.
+    """Write the wind (2, y, x) towards grid north and east as GeoTIFFs and in WindNinja's format.
 
-    The GeoTIFFs have the direction from true north, the ASCII grids that from the grid's north.
+    The GeoTIFFs contain the direction from true north, the ASCII grids that from grid north.
     """
     north, east = wind
     speed = np.hypot(north, east)
@@ -139,9 +139,9 @@ def _range_of(values: NDArray[np.floating]) -> dict[str, float]:
 def _free_wind(
     scenario: Scenario, given: GivenWind, landscape: Landscape, responses: NDArray[np.float32]
 ) -> Floats:
-    """Return the free wind (2) that gives the stated wind at the station, if there is one.
+    """Return the free wind (2) that results in the stated wind at the station, if any.
 
-    The stated wind is that of the command, or else of the weather."""
+    The stated wind is that of the command, or otherwise that of the weather."""
     if given.speed_m_s is not None and given.from_deg is not None:
         speed_m_s, true_deg = given.speed_m_s, given.from_deg
     else:
@@ -165,7 +165,7 @@ def _slope_wind(
 def _about_fit(
     terrain: TerrainWind, measured: list[MeasuredWind], fitted: FittedWind
 ) -> dict[str, Any]:
-    """Return the errors of a fit at the measured places, and of fits without each place."""
+    """Return the errors of a fit at the measurement sites, and of fits without each site."""
     left_out = []
     for number, each in enumerate(measured) if len(measured) > 1 else ():
         others = [*measured[:number], *measured[number + 1 :]]
@@ -186,7 +186,7 @@ def _error(terrain: TerrainWind, fitted: FittedWind, each: MeasuredWind) -> NDAr
 
 
 def _vector(speed_m_s: float, from_deg: float) -> Floats:
-    """Return a wind (2) towards north and east."""
+    """Return a wind vector (2) towards north and east."""
     return np.asarray(local_wind(np.eye(2), speed_m_s, from_deg), dtype=np.float64)
 
 

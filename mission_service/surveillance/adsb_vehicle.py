@@ -1,4 +1,4 @@
-"""Applies the reports of ADS-B receivers on board of vehicles (MAVLink ADSB_VEHICLE). Pure."""
+"""Applies reports from ADS-B receivers on board vehicles (MAVLink ADSB_VEHICLE). Pure."""
 
 from autopilot_bridge.vehicle.aircraft_seen import AircraftSeen
 from mission_service.surveillance.aircraft_table import (
@@ -10,9 +10,9 @@ from mission_service.surveillance.aircraft_table import (
 
 
 def apply_seen(table: AircraftTable, vehicle: str, seen: AircraftSeen, at_us: int) -> None:
-    """Update a table with an aircraft that a vehicle's receiver reports; ``at_us``: mission time.
+    """Update a table with an aircraft from a vehicle's receiver; ``at_us``: mission time.
 
-    The altitude of a report is above the sea, or a pressure altitude.
+    The altitude in a report is either above mean sea level or a pressure altitude.
     """
     altitude_m = seen.altitude_m + (table.pressure_offset_m if seen.pressure_altitude else 0.0)
     place = (seen.lat_deg, seen.lon_deg, altitude_m)

@@ -1,4 +1,4 @@
-"""Makes the events about other aircraft once a second, from the reports of all sources. Pure."""
+"""Generates events about other aircraft once a second, from all sources' reports. Pure."""
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -43,8 +43,8 @@ class AircraftReports:
         used = section or SurveillanceSection()
         self.table = AircraftTable(used.range_m, used.qnh_hpa, used.ignored)
         self._due_us = -(2**63)
-        # Vehicles whose last event contains no aircraft. A run, also a resumed one, begins with an
-        # event for each vehicle, which ends the alerts of an interrupted run.
+        # Vehicles whose last event contains no aircraft. Any run, even a resumed one, begins with
+        # an event for each vehicle, which ends the alerts of an interrupted run.
         self._empty: set[str] = set()
 
     def decoder(self, source: AircraftSource) -> AircraftDecoder:
@@ -52,12 +52,12 @@ class AircraftReports:
         return DECODERS[source.format](self.table, source.label)
 
     def take_seen(self, vehicle: str, seen: deque[AircraftSeen], at_us: int) -> None:
-        """Remove and apply the reports of a vehicle's ADS-B receiver; ``at_us`` is mission time."""
+        """Remove and apply the reports of a vehicle's ADS-B receiver; ``at_us``: mission time."""
         while seen:
             apply_seen(self.table, vehicle, seen.popleft(), at_us)
 
     def events_due(self, fixes: Mapping[str, _Fix], at_us: int) -> Iterator[AircraftReported]:
-        """Yield the events that are due at a mission time: at most one a second and vehicle.
+        """Yield the events due at the given mission time: at most one per vehicle and second.
 
         Args:
             fixes: The last positions of the vehicles, by name.

@@ -1,10 +1,10 @@
 """Keeps the last state of each aircraft near the vehicles, from all sources. Pure.
 
-Only aircraft inside ``region`` are kept, so that a feed of a whole country costs little: decoders
-check a position against the region before they decode the rest of a report. An aircraft is
-identified by its 24-bit ICAO address, so that several sources contribute to one track. The position
-is that of one source, until this source is silent for ``SOURCE_S``. An aircraft is reported after
-two positions that are consistent, and a position that is too far from the last one is not used.
+Only aircraft inside ``region`` are kept, so that a feed for a whole country costs little: decoders
+check a position against the region before decoding the rest of a report. An aircraft is identified
+by its 24-bit ICAO address, so that several sources contribute to one track. The position is taken
+from one source until this source has been silent for ``SOURCE_S``. An aircraft is reported after
+two consistent positions, and a position too far from the last one is not used.
 """
 
 import math
@@ -16,11 +16,11 @@ from mission_service.events import AircraftState
 from mission_service.ground_distance import M_PER_DEG, M_PER_FT, M_PER_NMI, offset_m
 
 MAX_AIRCRAFT = 5000
-MAX_REPORTED = 50  # for each vehicle; the nearest aircraft
+MAX_REPORTED = 50  # per vehicle; the nearest aircraft
 MAX_AGE_S = 20.0  # of a position; older positions are not extrapolated
 SOURCE_S = 3.0
 SLACK_M = 1000.0  # errors of positions and of their times
-MAX_JUMPS = 3  # consecutive positions that contradict a track, before the track begins again
+MAX_JUMPS = 3  # consecutive positions that contradict a track before it is restarted
 MAX_SPEED_M_S, MAX_CLIMB_M_S = 700.0, 150.0
 MIN_ALTITUDE_M, MAX_ALTITUDE_M = -500.0, 30_000.0
 MAX_CALLSIGN = 20
@@ -48,7 +48,7 @@ class Region(NamedTuple):
     east_deg: float
 
     def encloses(self, lat_deg: float, lon_deg: float) -> bool:
-        """Return whether a position is inside; False for values that are not numbers."""
+        """Return whether a position is inside; False for NaN values."""
         return (
             self.south_deg <= lat_deg <= self.north_deg
             and self.west_deg <= lon_deg <= self.east_deg
@@ -75,7 +75,7 @@ class Track:
     jumps: int = 0  # consecutive positions that contradicted the track
 
     def agrees(self, lat_deg: float, lon_deg: float, at_us: int) -> bool:
-        """Return whether an aircraft can have flown from the last position to this one."""
+        """Return whether an aircraft could have flown from the last position to this one."""
         reach_m = SLACK_M + MAX_SPEED_M_S * max(at_us - self.at_us, 0) / 1e6
         north_m, east_m = offset_m((self.lat_deg, self.lon_deg), (lat_deg, lon_deg))
         return abs(north_m) <= reach_m and abs(east_m) <= reach_m
@@ -91,7 +91,7 @@ class OwnPosition(NamedTuple):
 
 
 def pressure_offset_m(qnh_hpa: float) -> float:
-    """Return the altitude above the sea at the pressure altitude 0, in the ICAO atmosphere.
+    """Return the altitude above sea level of pressure altitude 0 in the ICAO atmosphere.
 
     ``qnh_hpa`` is the pressure reduced to sea level. Source: ICAO Doc 7488.
     """
@@ -109,7 +109,7 @@ class AircraftTable:
     def __init__(self, range_m: float, qnh_hpa: float, ignored: Iterable[str] = ()) -> None:
         """Keep aircraft within ``range_m`` of a vehicle, except those in ``ignored``.
 
-        Pressure altitudes are corrected by the pressure at sea level ``qnh_hpa``.
+        Pressure altitudes are corrected using the sea-level pressure ``qnh_hpa``.
         """
         self.tracks: dict[str, Track] = {}
         self.region = NOWHERE
@@ -140,8 +140,8 @@ class AircraftTable:
         """Set the position (lat_deg, lon_deg, altitude_amsl_m) of an aircraft.
 
         Returns the track, whose velocity and callsign the decoder may set. Returns None if the
-        position is not used: it is outside the region, implausible, or too far from the last one,
-        the aircraft is ignored, or another source reports the aircraft.
+        position is not used because it is outside the region, implausible or too far from the last
+        one, because the aircraft is ignored, or because another source reports it.
         """
         lat_deg, lon_deg, altitude_m = position
         if not self.region.encloses(lat_deg, lon_deg):
@@ -171,12 +171,12 @@ class AircraftTable:
         return track
 
     def track_of(self, key: str, source: str) -> Track | None:
-        """Return the track of an aircraft whose positions are from this source."""
+        """Return the track of an aircraft if its positions come from this source."""
         track = self.tracks.get(key)
         return track if track is not None and track.source == source else None
 
     def remove(self, key: str) -> None:
-        """Remove an aircraft, which is on the ground."""
+        """Remove an aircraft that is on the ground."""
         self.tracks.pop(key, None)
 
     def expire(self, at_us: int) -> None:
@@ -186,9 +186,9 @@ class AircraftTable:
             del self.tracks[key]
 
     def near(self, own: OwnPosition, at_us: int) -> tuple[AircraftState, ...]:
-        """Return the nearest aircraft within range of a vehicle, extrapolated to a mission time.
+        """Return the nearest aircraft within range of a vehicle, extrapolated to ``at_us``.
 
-        The order is that of the identifiers.
+        They are sorted by identifier.
         """
         lat_deg = self._range_m / M_PER_DEG
         found = []
@@ -216,7 +216,7 @@ def set_velocity(track: Track, north_m_s: float, east_m_s: float) -> bool:
 
 
 def set_course(track: Track, speed_m_s: float, track_deg: float) -> bool:
-    """Set the horizontal velocity by speed and track; return False for implausible values."""
+    """Set the horizontal velocity from speed and track; return False for implausible values."""
     if not (0.0 <= speed_m_s <= MAX_SPEED_M_S and -360.0 <= track_deg <= 720.0):
         return False
     track_rad = math.radians(track_deg)

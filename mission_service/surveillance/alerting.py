@@ -1,9 +1,9 @@
-"""Determines alert levels about an aircraft, with hysteresis, by sets of thresholds. Pure.
+"""Determines alert levels for an aircraft from sets of thresholds, with hysteresis. Pure.
 
-Level 1 is preventive, 2 corrective and 3 a warning, as in RTCA DO-365; 0 is no alert. The rules of
-hysteresis are those of NASA's DAIDALUS (reference manual, chapter on alerting): a level applies if
-m of the last n values reach it, an alert persists for a minimum time, and an alert in force ends
-only when the violation is farther away than the early alerting time.
+Level 1 is preventive, 2 corrective and 3 a warning, as in RTCA DO-365; 0 is no alert. The
+hysteresis rules are those of NASA's DAIDALUS (reference manual, chapter on alerting): a level
+applies if m of the last n values reach it, an alert persists for a minimum time, and an alert in
+force ends only when the violation is farther away than the early alerting time.
 """
 
 from collections import deque
@@ -26,13 +26,13 @@ class AlertLevel(NamedTuple):
 
 
 class AlertSet(NamedTuple):
-    """The levels, from 1, and the hysteresis of an alerter; ``of`` 0 switches m of n off."""
+    """The levels, from 1, and the hysteresis of an alerter; an ``of`` of 0 disables m of n."""
 
     levels: tuple[AlertLevel, ...]
     lookahead_s: float = 180.0
     enough: int = 2  # m
     of: int = 4  # n
-    hysteresis_s: float = 5.0  # after a longer pause, earlier values do not count
+    hysteresis_s: float = 5.0  # after a longer pause, earlier values are ignored
     persistence_s: float = 4.0
 
     @property
@@ -50,7 +50,7 @@ def _levels(
     well_clear: WellClearVolume,
     times_s: tuple[tuple[float, float], ...],
 ) -> tuple[AlertLevel, ...]:
-    """Return three levels with their alerting and early alerting times."""
+    """Return the three levels with their alerting and early alerting times."""
     volumes = (preventive, well_clear, well_clear)
     return tuple(AlertLevel(each, *times) for each, times in zip(volumes, times_s, strict=True))
 
@@ -93,15 +93,15 @@ ALERT_SETS: dict[str, AlertSet] = {
 
 @dataclass
 class AlertHistory:
-    """The alert level about one aircraft, and the values on which it depends."""
+    """The alert level for one aircraft, and the values on which it depends."""
 
     level: int = -1  # before the first update
     at_us: int | None = None
-    raised_at_us: int | None = None  # time of the last rise, until a pause
+    raised_at_us: int | None = None  # time of the last rise; reset by a pause
     values: deque[int] = field(default_factory=deque)  # the last n values
 
     def add_encounter(self, alerts: AlertSet, encounter: Encounter, at_us: int) -> int:
-        """Add an encounter at a mission time, which increases; return the alert level."""
+        """Add an encounter at a mission time later than the last one; return the alert level."""
         value = self._value(alerts, encounter, at_us)
         if self.at_us is None or at_us - self.at_us > 1e6 * alerts.hysteresis_s:
             self.level, self.raised_at_us = -1, None
@@ -134,7 +134,7 @@ class AlertHistory:
         return 0
 
     def _filtered(self, alerts: AlertSet, value: int) -> int:
-        """Return the highest level that ``enough`` of the last values reach; -1 if there is none.
+        """Return the highest level reached by ``enough`` of the last values; -1 if there is none.
 
         Without m of n, this is the value itself.
         """

@@ -1,4 +1,4 @@
-"""Computes whether a vehicle that changes its altitude violates a volume around an aircraft. Pure.
+"""Computes whether an altitude change violates a volume around another aircraft. Pure.
 
 The method is that of the altitude bands of NASA's DAIDALUS (reference manual, chapter on kinematic
 bands; NASA/TM-2016-219067 describes the algorithms): the vehicle accelerates vertically to its
@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 from mission_service.surveillance.well_clear import Encounter, WellClearVolume, violation
 
-CHECK_S = 1.0  # interval of the checks while the vertical speed changes
-INSTANT_S = 1e-3  # length of the interval in which a violation at one time is searched
+CHECK_S = 1.0  # interval of checks while the vertical speed changes
+INSTANT_S = 1e-3  # length of the interval in which a violation at a single time is sought
 
 
 class VerticalLimits(NamedTuple):
-    """The vertical rate and acceleration of a vehicle; with a 0, the altitude changes at once."""
+    """A vehicle's vertical rate and acceleration; if either is 0, the altitude changes at once."""
 
     rate_m_s: float
     acceleration_m_s2: float
@@ -24,11 +24,11 @@ class VerticalLimits(NamedTuple):
 class AltitudeChange:
     """The vertical motion to a new altitude.
 
-    It overshoots the altitude only if the present climb rate is too high to stop in time.
+    It overshoots only if the current climb rate is too high to level out in time.
     """
 
     def __init__(self, change_m: float, climb_m_s: float, limits: VerticalLimits) -> None:
-        """Compute the motion from the change of altitude and the present climb rate."""
+        """Compute the motion from the altitude change and the current climb rate."""
         self._change_m, self._climb_m_s = change_m, climb_m_s
         rate_m_s, self._acceleration_m_s2 = limits
         if rate_m_s <= 0.0 or self._acceleration_m_s2 <= 0.0:
@@ -45,11 +45,11 @@ class AltitudeChange:
         level_s = self._peak_m_s / self._acceleration_m_s2
         steady_m = rise_m - self._begun_m - level_s * self._peak_m_s / 2.0
         steady_s = max(steady_m, 0.0) / self._peak_m_s if self._peak_m_s > 0.0 else 0.0
-        # The end of the first acceleration, of the constant rate, and of levelling out.
+        # The ends of the initial acceleration, of the constant rate and of levelling out.
         self.times_s = (begin_s, begin_s + steady_s, begin_s + steady_s + level_s)
 
     def motion_after(self, later_s: float) -> tuple[float, float]:
-        """Return the height above the present altitude in m and the climb rate in m/s."""
+        """Return the height above the initial altitude in m and the climb rate in m/s."""
         begin_s, steady_s, end_s = self.times_s
         if self.instant or later_s >= end_s:
             return self._change_m, 0.0
@@ -76,14 +76,14 @@ def violates(
     horizon_s: float,
     lookahead_s: float,
 ) -> bool:
-    """Return whether a change of altitude violates a volume around an aircraft.
+    """Return whether an altitude change violates a volume around an aircraft.
 
     Args:
-        encounter: The positions and velocities now.
+        encounter: The current positions and velocities.
         change: The vertical motion of the own vehicle.
-        climb_m_s: The present climb rate of the own vehicle.
+        climb_m_s: The current climb rate of the own vehicle.
         volume: The volume around the aircraft.
-        horizon_s: Time after the change in which a violation counts. It also limits the time at
+        horizon_s: Time after the change during which a violation counts. It also limits the time at
             the constant vertical rate.
         lookahead_s: Time from now after which no violation counts.
     """

@@ -1,8 +1,8 @@
 """Decodes the Beast binary format, as dump1090 and readsb send on TCP port 30005. Pure.
 
-A message is 0x1A, a type (1: Mode A/C, 2 bytes; 2: Mode S, 7 bytes; 3: Mode S, 14 bytes), a time of
-6 bytes, a signal level of 1 byte, and the message. A byte 0x1A after the type is sent twice. The
-times are those of the receiver's clock and are not used. Source: the wiki of Mode-S Beast
+A message is 0x1A, a type (1: Mode A/C, 2 bytes; 2: Mode S, 7 bytes; 3: Mode S, 14 bytes), a 6-byte
+time, a 1-byte signal level and the message. After the type, a byte 0x1A is sent twice. The times
+are those of the receiver's clock and are not used. Source: the Mode-S Beast wiki
 (https://wiki.jetvision.de/wiki/Mode-S_Beast:Data_Output_Formats).
 """
 
@@ -11,12 +11,12 @@ import re
 from mission_service.surveillance.aircraft_table import AircraftTable
 from mission_service.surveillance.mode_s import LENGTH, ModeSDecoder
 
-PREFIX = 7  # bytes of time and signal level
+PREFIX = 7  # bytes for time and signal level
 _BYTE = rb"(?:[^\x1a]|\x1a\x1a)"
 _MESSAGE = re.compile(
     rb"\x1a(?:3(" + _BYTE + rb"{21})|2" + _BYTE + rb"{14}|1" + _BYTE + rb"{9})", re.DOTALL
 )
-MAX_MESSAGE = 2 + 2 * (PREFIX + LENGTH)  # bytes, if all are sent twice
+MAX_MESSAGE = 2 + 2 * (PREFIX + LENGTH)  # bytes, if each one is sent twice
 
 
 class BeastDecoder:

@@ -1,9 +1,9 @@
 """Decodes air tracks among Cursor on Target events (XML), received by UDP or TCP. Pure.
 
 An air track is an event with the type ``a-*-A…``. The decoder uses ``point`` (``lat``, ``lon``,
-``hae``) and ``detail/track`` (``course``, ``speed`` in m/s, and ``slope`` in degrees). ``hae``
-counts as the altitude above the sea; an event with an unknown ``hae`` is not used. The uid
-``ICAO-…`` or ``ICAO…`` contains the address of an aircraft. Source: MITRE, *Cursor-on-Target
+``hae``) and ``detail/track`` (``course``, ``speed`` in m/s, and ``slope`` in degrees). ``hae`` is
+treated as the altitude above mean sea level; an event with an unknown ``hae`` is not used. A uid of
+the form ``ICAO-…`` or ``ICAO…`` contains an aircraft's address. Source: MITRE, *Cursor-on-Target
 Message Router User's Guide*, base event 2.0.
 """
 
@@ -51,7 +51,7 @@ class CotTrackDecoder:
                     self.rejected += 1
 
     def _event(self, text: bytes, at_us: int) -> None:
-        """Process an event. Raises ParseError or ValueError for one that cannot be read."""
+        """Process an event. Raises ParseError or ValueError if it cannot be read."""
         root = ElementTree.fromstring(text)  # without a DOCTYPE, which precedes the element
         point = root.find("point")
         if point is None:
@@ -82,7 +82,7 @@ class CotTrackDecoder:
 
 
 def _key_of(uid: str) -> str:
-    """Return the identifier of a uid. Raises ValueError without a usable uid."""
+    """Return the identifier in a uid. Raises ValueError if the uid is unusable."""
     found = _ICAO.search(uid)
     if found is not None:
         return found[1].lower()

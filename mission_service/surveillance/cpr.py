@@ -1,4 +1,4 @@
-"""Decodes Compact Position Reporting (CPR) of airborne positions. Pure.
+"""Decodes airborne positions in Compact Position Reporting (CPR). Pure.
 
 Source: RTCA DO-260B, A.1.7; J. Sun, *The 1090 Megahertz Riddle*, 2nd ed., chapter 5. An encoded
 latitude and longitude are 17-bit fractions of a zone; even and odd messages use zones of different
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 STEPS = 131_072.0  # of a fraction
-ZONES = 15  # latitude zones between the equator and a pole, even messages
+ZONES = 15  # latitude zones between the equator and a pole, for even messages
 EVEN_DEG, ODD_DEG = 360.0 / (4 * ZONES), 360.0 / (4 * ZONES - 1)
 
 
@@ -37,8 +37,8 @@ def local_positions(
 ) -> tuple[Floats, Floats]:
     """Return the positions in degrees that are nearest to a reference (lat_deg, lon_deg).
 
-    The encoded positions, all arrays (n,), have the range 0 to 2^17 - 1. The result is the true
-    position if this is within half a zone (about 180 nmi) of the reference.
+    The encoded positions, all arrays (n,), range from 0 to 2^17 - 1. The result is the true
+    position if that is within half a zone (about 180 nmi) of the reference.
     """
     size = np.where(odd, ODD_DEG, EVEN_DEG)
     lat = _nearest(reference[0], lat_cpr / STEPS, size)
@@ -48,17 +48,17 @@ def local_positions(
 
 
 def _nearest(reference_deg: float, share: Floats, size_deg: Floats) -> Floats:
-    """Return the angles that are a share of a zone, in the zone next to a reference."""
+    """Return the angles at the given fractions of a zone, in the zone nearest to a reference."""
     return np.asarray(size_deg * (np.round(reference_deg / size_deg - share) + share))
 
 
 def global_position(
     even: tuple[int, int], odd: tuple[int, int], odd_is_newer: bool
 ) -> tuple[float, float] | None:
-    """Return the position in degrees of an even and an odd pair (lat, lon) of encoded values.
+    """Return the position in degrees from an even and an odd pair (lat, lon) of encoded values.
 
     The result is the position of the newer message. Returns None if the two messages are from
-    different longitude zones, or describe no position on the Earth.
+    different longitude zones, or do not describe a position on the Earth.
     """
     lat_even, lat_odd = even[0] / STEPS, odd[0] / STEPS
     zone = math.floor((4 * ZONES - 1) * lat_even - 4 * ZONES * lat_odd + 0.5)

@@ -1,8 +1,8 @@
-"""Decodes traffic reports of GDL 90, as ADS-B receivers send by UDP to port 4000. Pure.
+"""Decodes GDL 90 traffic reports, as sent by ADS-B receivers to UDP port 4000. Pure.
 
-A message is enclosed by bytes 0x7E. In a message 0x7D and the next byte XOR 0x20 are one byte. The
-last two bytes are a CRC. Source: Garmin, *GDL 90 Data Interface Specification*, 560-1058-00 Rev A,
-chapters 2 and 3.5.
+A message is enclosed by 0x7E bytes. In a message, 0x7D is an escape byte: the byte after it is
+XORed with 0x20. The last two bytes are a CRC. Source: Garmin, *GDL 90 Data Interface
+Specification*, 560-1058-00 Rev A, chapters 2 and 3.5.
 """
 
 import fastcrc
@@ -17,7 +17,7 @@ from mission_service.surveillance.aircraft_table import (
     set_course,
 )
 
-TRAFFIC_REPORT, LENGTH = 20, 28  # message id, bytes with the id
+TRAFFIC_REPORT, LENGTH = 20, 28  # message id; length in bytes, including the id
 ICAO_ADDRESSES = (0, 2)  # address types: ADS-B or TIS-B with an ICAO address
 NO_ALTITUDE, NO_SPEED, NO_CLIMB = 0xFFF, 0xFFF, -2048
 AIRBORNE, TRACK_KIND, TRUE_TRACK = 8, 3, 1  # bits of the miscellaneous indicators

@@ -1,4 +1,4 @@
-"""Decodes extended squitters of Mode S (ADS-B and TIS-B, downlink formats 17 and 18). Pure.
+"""Decodes Mode S extended squitters (ADS-B and TIS-B, downlink formats 17 and 18). Pure.
 
 Whole batches of messages are decoded with arrays. Airborne positions with a barometric altitude,
 ground speeds and callsigns are used. Source: RTCA DO-260B; J. Sun, *The 1090 Megahertz Riddle*, 2nd
@@ -26,13 +26,13 @@ from mission_service.surveillance.cpr import global_position, local_positions
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
-LENGTH = 14  # bytes of an extended squitter
-GENERATOR = 0xFFF409  # of the CRC with 24 bits
+LENGTH = 14  # bytes in an extended squitter
+GENERATOR = 0xFFF409  # of the 24-bit CRC
 PAIR_US = 10_000_000  # maximum time between the messages of a pair
 MAX_PAIRS = 5000
-NEAR_DEG = 0.2  # a position is not farther from the last position of its track
+NEAR_DEG = 0.2  # a position is no farther than this from the last one of its track
 LETTERS = "#ABCDEFGHIJKLMNOPQRSTUVWXYZ##### ###############0123456789######"
-FORMATS = {17: (0, 1, 2, 3, 4, 5, 6, 7), 18: (0, 1, 2, 5, 6)}  # with their CA or CF
+FORMATS = {17: (0, 1, 2, 3, 4, 5, 6, 7), 18: (0, 1, 2, 5, 6)}  # with their CA or CF values
 
 
 def _crc_table() -> NDArray[np.uint32]:
@@ -74,7 +74,7 @@ class ModeSDecoder:
         self.rejected = 0
         self._table = table
         self._source = source
-        # The last even and odd position of aircraft that have no track yet.
+        # The last even and odd positions of aircraft that have no track yet.
         self._pairs: dict[int, list[_Encoded | None]] = {}
 
     def decode_squitters(self, messages: Iterable[bytes], at_us: int) -> None:
@@ -116,7 +116,8 @@ class ModeSDecoder:
             (region.south_deg + region.north_deg) / 2.0,
             (region.west_deg + region.east_deg) / 2.0,
         )
-        # An aircraft inside the region has this position; one far away may have it too.
+        # This is the position of an aircraft inside the region; one far away may give the same
+        # result.
         found_lat, found_lon = local_positions(centre, lat.astype(float), lon.astype(float), odd)
         inside = (
             (found_lat >= region.south_deg)

@@ -1,8 +1,8 @@
 """Decodes SBS-1 (BaseStation) text, as dump1090 and readsb send on TCP port 30003. Pure.
 
-A line has 22 fields, separated by commas. The decoder uses the transmission types 1 (callsign), 3
-(position and pressure altitude), 4 (velocity), and those of 5 to 8 that contain the same fields.
-Units: feet, knots, degrees, feet per minute. Source: the port's de facto specification
+A line has 22 comma-separated fields. The decoder uses transmission types 1 (callsign), 3 (position
+and pressure altitude), 4 (velocity), and 5 to 8 as far as they contain the same fields. Units:
+feet, knots, degrees, feet per minute. Source: the port's de facto specification
 (http://woodair.net/sbs/article/barebones42_socket_data.htm).
 """
 
@@ -17,7 +17,7 @@ from mission_service.surveillance.aircraft_table import (
 )
 from mission_service.surveillance.delimited_data import complete_parts
 
-MAX_LINE = 300  # bytes; without a line end, longer data are discarded
+MAX_LINE = 300  # bytes; longer data without a line end are discarded
 FIELDS = 22
 TYPE, ADDRESS, CALLSIGN, ALTITUDE, SPEED, TRACK, LAT, LON, CLIMB = 1, 4, 10, 11, 12, 13, 14, 15, 16
 ON_GROUND = 21
@@ -45,7 +45,7 @@ class SbsDecoder:
                     self.rejected += 1
 
     def _line(self, line: bytes, at_us: int) -> None:
-        """Process a line. Raises ValueError for a field that is not of its type."""
+        """Process a line. Raises ValueError for a field of the wrong type."""
         fields = line.decode("ascii").split(",")
         if len(fields) < FIELDS:
             raise ValueError("a line is too short")

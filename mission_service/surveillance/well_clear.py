@@ -1,4 +1,4 @@
-"""Computes when an aircraft violates a well clear volume, if both fly on in straight lines. Pure.
+"""Computes when an aircraft violates a well clear volume if both continue straight on. Pure.
 
 The volume is that of RTCA DO-365 with modified tau (WCV_TAUMOD in NASA's DAIDALUS). Source: Munoz,
 Narkawicz, Chamberlain, Consiglio, Upchurch, "A Family of Well-Clear Boundary Models for the
@@ -8,7 +8,7 @@ Integration of UAS in the NAS", AIAA 2014-2412.
 import math
 from typing import NamedTuple
 
-STILL = 1e-9  # slower relative motion, in m/s or (m/s)^2, counts as none
+STILL = 1e-9  # slower relative motion, in m/s or (m/s)^2, counts as zero
 
 Interval = tuple[float, float]  # entry and exit, s from now
 
@@ -31,7 +31,7 @@ class WellClearVolume(NamedTuple):
 
 
 class Encounter(NamedTuple):
-    """Position and velocity of an aircraft minus those of the own vehicle."""
+    """Position and velocity of an aircraft relative to the own vehicle."""
 
     east_m: float
     north_m: float
@@ -49,7 +49,7 @@ class Encounter(NamedTuple):
 def violation(encounter: Encounter, volume: WellClearVolume, lookahead_s: float) -> Interval | None:
     """Return when the volume is first violated and when it is left, from 0 to ``lookahead_s``.
 
-    Returns None without a violation. A violation that lasts only one instant does not count.
+    Returns None if there is no violation. A violation that lasts only an instant does not count.
     """
     vertical = _vertical(encounter.up_m, encounter.up_m_s, volume, lookahead_s)
     if vertical is None:
@@ -68,11 +68,11 @@ def violation(encounter: Encounter, volume: WellClearVolume, lookahead_s: float)
 
 
 def _vertical(up_m: float, up_m_s: float, volume: WellClearVolume, end_s: float) -> Interval | None:
-    """Return the interval within 0 to ``end_s`` in which the vertical condition holds."""
+    """Return the interval between 0 and ``end_s`` in which the vertical condition holds."""
     if abs(up_m_s) < STILL:
         return (0.0, end_s) if abs(up_m) <= volume.zthr_m else None
-    # The condition begins at the larger height difference on the near side, and ends at the
-    # threshold on the far side.
+    # The condition begins to hold at the larger height difference on the near side, and ceases at
+    # the threshold on the far side.
     near_m = max(volume.zthr_m, abs(up_m_s) * volume.tcoa_s)
     entry_s = (-math.copysign(near_m, up_m_s) - up_m) / up_m_s
     exit_s = (math.copysign(volume.zthr_m, up_m_s) - up_m) / up_m_s
@@ -88,7 +88,7 @@ def _horizontal(
     volume: WellClearVolume,
     end_s: float,
 ) -> Interval | None:
-    """Return the interval within 0 to ``end_s`` in which the horizontal condition holds."""
+    """Return the interval between 0 and ``end_s`` in which the horizontal condition holds."""
     east_m_s, north_m_s = velocity_m_s
     speed_2 = east_m_s * east_m_s + north_m_s * north_m_s
     closing = east_m * east_m_s + north_m * north_m_s  # negative while the aircraft approaches

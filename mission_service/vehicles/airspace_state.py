@@ -1,4 +1,4 @@
-"""Defines the state of one vehicle that the checks against closed airspace keep. Pure."""
+"""Defines the per-vehicle state of the checks against closed airspace. Pure."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -12,10 +12,10 @@ AIRSPACE = "airspace"  # name of the alarm
 
 
 class Evasion(Enum):
-    """The order because of closed airspace or terrain, until another mission is flown."""
+    """The order given because of closed airspace or terrain, until another mission is flown."""
 
     NONE = "none"
-    HOLD = "hold"  # hold before the obstacle
+    HOLD = "hold"  # hold short of the obstacle
     EXIT = "exit"  # fly out of the volume and hold there
     AROUND = "around"  # fly home around volumes, or above the ground
 
@@ -29,14 +29,14 @@ class AirspaceState:
     on_board_id: int = 0
     on_board: Places = ()
     landing: Places = ()  # after DO_LAND_START in the mission on board
-    orbit: Part | None = None  # space of the last orbit ordered
-    began_at: Position | None = None  # position at which the present mode began
-    checked: tuple[object, ...] = ()  # what the last check considered
+    orbit: Part | None = None  # space of the last ordered orbit
+    began_at: Position | None = None  # position where the current mode began
+    checked: tuple[object, ...] = ()  # the inputs of the last check
     conflict: str = ""  # the limit that the flight violates; empty without a conflict
     evasion: Evasion = Evasion.NONE
-    evasion_id: int = 0  # mission of the evasion
-    failed_ways_home: int = 0  # missions home that the autopilot has not accepted in turn
-    home_clear_version: int = -1  # version of the airspace in which the straight way home was clear
+    evasion_id: int = 0  # mission id of the evasion
+    failed_ways_home: int = 0  # consecutive missions home that were not accepted
+    home_clear_version: int = -1  # airspace version in which the straight way home was clear
     acts_again_at_s: float = -1e9
     return_sent_s: float = -1e9  # time of the last order to return
     alarm: str = ""  # text of the alarm; empty without an alarm
@@ -46,7 +46,7 @@ class AirspaceState:
 def raised(
     vehicle: Vehicle, state: AirspaceState, words: str, severity: Severity = "warning"
 ) -> list[AnyCommand]:
-    """Raise the alarm of a vehicle; return no command if the alarm has this text already."""
+    """Raise the alarm of a vehicle; return no command if it already has this text."""
     if words == state.alarm:
         return []
     state.alarm = words

@@ -1,4 +1,4 @@
-"""Holds missions until an operator approves them (``mission.approval = "each"``). Pure."""
+"""Withholds missions until an operator approves them (``mission.approval = "each"``). Pure."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from mission_service.vehicles.vehicle_state import (
 SAMPLED_EVERY_M = 20.0
 # Validity of a proposal; afterwards a new mission is planned, because the front moves.
 GOOD_FOR_S = 60.0
-# A mission differs if it extends by this fraction of the horizon beyond a refused mission.
+# A mission differs if it extends beyond a refused mission by this fraction of the horizon.
 AHEAD_SHARE = 0.5
 
 
@@ -41,17 +41,17 @@ class Proposal:
 class MissionApprovals:
     """The proposed missions; each is sent when an operator accepts its hash.
 
-    A mission that separates two vehicles, or that lands, is sent at once and replaces a proposal.
+    A mission that separates two vehicles, or only lands, is sent at once and replaces a proposal.
     """
 
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
-        """Set the distances at which a mission differs from a refused mission.
+        """Set the distances beyond which a mission differs from a refused mission.
 
-        The distances are ``path_tolerance_m`` at right angles to the refused mission's path, and a
-        fraction of ``horizon_m`` beyond the end of the path.
+        These are ``path_tolerance_m`` perpendicular to the refused mission's path, and a fraction
+        of ``horizon_m`` beyond the end of the path.
         """
         self._proposals: dict[str, Proposal] = {}
-        self._announced: set[str] = set()  # vehicles with a proposal that waits for an answer
+        self._announced: set[str] = set()  # vehicles with a proposal that awaits an answer
         self._path_tolerance_m = path_tolerance_m
         self._max_beyond_m = AHEAD_SHARE * horizon_m
 
@@ -97,7 +97,7 @@ class MissionApprovals:
         return [proposed, announce(vehicle, words)]
 
     def _differs(self, refusal: Refusal, pending: Pending) -> bool:
-        """Return whether a mission differs from a refused mission in the path or the reason."""
+        """Return whether a mission differs from a refused mission in its path or its reason."""
         if pending.due not in ("", refusal.due):
             return True
         line = shapely.segmentize(pending.line, SAMPLED_EVERY_M)

@@ -1,4 +1,4 @@
-"""Determines a vehicle's availability for planning from link, mode, failsafe and position. Pure."""
+"""Determines a vehicle's availability to planners from link, mode, failsafe and position. Pure."""
 
 import math
 from dataclasses import dataclass, field, fields
@@ -24,9 +24,9 @@ from mission_service.events import Order
 from mission_service.position_fix import PositionFix
 
 AIRBORNE_M = 15.0
-GOING_HOME = ("return", "land", "qrtl", "qland")  # modes, as the bridge names them
+GOING_HOME = ("return", "land", "qrtl", "qland")  # modes, by the bridge's names
 MISSION = "mission"
-# The modes, by the bridge's names, that each command of the service causes. Any other mode was
+# The modes (by the bridge's names) that each of the service's commands causes. Any other mode was
 # selected by the autopilot or the pilot. During an upload ArduPilot is commanded to hold, and PX4
 # holds if it rejects the new mission.
 LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
@@ -40,11 +40,11 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     ClimbAndHold: ("guided", "hold"),
     HoldAt: ("guided", "hold"),
 }
-# The modes that last until another order. The service may end before the vehicle reports the mode.
+# The modes that last until the next order. The service may end before the vehicle reports the mode.
 LASTING: dict[type[AnyCommand], str] = {Hold: "hold", Return: "return"}
 ANSWERS = {name: kind for kind, name in ORDER_NAMES.items() if kind in LEADS_TO}
 HAS_LANDED = "it has landed, but is not disarmed yet"
-UNANSWERED_S = 60.0  # time in which a command without acknowledgement may change the mode
+UNANSWERED_S = 60.0  # time in which an unacknowledged command may change the mode
 TAKES_EFFECT_S = 5.0  # time in which an acknowledged command may change the mode
 FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status
 
@@ -55,7 +55,7 @@ def named_mode(mode: str) -> str:
 
 
 class MeasuredWind(NamedTuple):
-    """The wind that a vehicle measured, and the direction from which it blows."""
+    """The wind measured by a vehicle, and the direction from which it blows."""
 
     at_s: float
     speed_m_s: float
@@ -63,10 +63,10 @@ class MeasuredWind(NamedTuple):
 
 
 class VehicleAirData(NamedTuple):
-    """The true airspeed and the wind that follow from a plane's flight on several headings.
+    """The true airspeed and the wind derived from a plane's flight on several headings.
 
-    ``airspeed_factor`` is the true airspeed relative to that by the measured airspeed in the
-    standard atmosphere.
+    ``airspeed_factor`` is the ratio of the true airspeed to the true airspeed computed from the
+    measured airspeed in the standard atmosphere.
     """
 
     airspeed_factor: float
@@ -84,17 +84,17 @@ class VehicleAvailability:
     took_off_at_s: float = np.inf
     measured_wind: MeasuredWind | None = None
     height_m: float = 0.0  # last reported height above home
-    landing: LandingPhaseName = "none"  # the phase of a landing that the service controls
-    off_task: bool = False  # whether another vehicle flies the task, so that no decision is made
+    landing: LandingPhaseName = "none"  # phase of a landing that the service controls
+    off_task: bool = False  # whether another vehicle flies the task, so that no decisions are made
     mode: str = ""  # mode in the last report
     armed: bool = False
     mode_is_ordered: bool = True  # False if the autopilot or the pilot selected the mode
     restarted_in_air: bool = False  # the autopilot was restarted, and has not reported a position
     on_ground: bool = False  # as EXTENDED_SYS_STATE reports; a crashed vehicle may remain armed
-    held_by_upload: bool = False  # the vehicle holds, and only an upload can be the cause
-    hold_is_ordered: bool = False  # by an operator, or at the shutdown of the service
+    held_by_upload: bool = False  # the vehicle holds, and only an upload can be the reason
+    hold_is_ordered: bool = False  # by an operator, or when the service shuts down
     accepted_mode: str = ""  # the mode of an accepted order, until the vehicle reports a mode
-    # The mode was ordered before a restart of the service; no command has been sent since.
+    # The mode was ordered before the service was restarted; no command has been sent since.
     ordered_before_restart: bool = False
     system_state: str = ""  # HEARTBEAT.system_status
     fence_breached: bool = False
@@ -120,12 +120,12 @@ class VehicleAvailability:
 
     @property
     def landed(self) -> bool:
-        """Whether the vehicle has landed in a return or a mission, but is not disarmed yet."""
+        """Whether the vehicle has landed in a return or a mission, but is not yet disarmed."""
         return self.airborne and self.on_ground and self.mode in (*GOING_HOME, MISSION)
 
     @property
     def touched_down(self) -> bool:
-        """Whether the vehicle has landed at about the height of home: a hold would lift it off."""
+        """Whether the vehicle has landed near the height of home: a hold would make it take off."""
         return self.landed and self.height_m <= AIRBORNE_M
 
     @property
@@ -136,7 +136,7 @@ class VehicleAvailability:
         return counted_on and self.position_good and not self.taken_over
 
     def leading_to(self, mode: str, at_s: float) -> set[type[AnyCommand]]:
-        """Return the kinds of commands under way that cause this mode."""
+        """Return the kinds of commands under way that would cause this mode."""
         kinds = [kind for kind in self.expected_until_s if self.is_expected(kind, at_s)]
         return {kind for kind in kinds if mode in LEADS_TO[kind]}
 
@@ -146,7 +146,7 @@ class VehicleAvailability:
 
     @property
     def may_be_overridden(self) -> bool:
-        """Whether a failsafe or a pilot may be the cause of a mode that counts as commanded."""
+        """Whether a mode that counts as commanded may be due to a failsafe or a pilot."""
         flies = self.armed and self.airborne and self.mode != MISSION
         return self.held_by_upload or (self.ordered_before_restart and flies)
 
@@ -181,7 +181,7 @@ class VehicleAvailability:
 
         The last mode remains valid until the next report. An order to return remains valid while
         the vehicle is armed. A watchdog may restart an autopilot in flight; the vehicle is airborne
-        again at its next report of a position, at any height above home.
+        again at its next position report, whatever its height above home.
         """
         ordered = self.mode_is_ordered and not self.airborne
         fresh = VehicleAvailability(self.online, measured_wind=self.measured_wind, fix=self.fix)

@@ -1,8 +1,8 @@
-"""Keeps what a vehicle's battery reports state, and how fast the vehicle discharges it. Pure.
+"""Stores a vehicle's battery reports, and learns how fast the battery discharges. Pure.
 
 A value that differs much from the previous one is used only after it has lasted ``CONFIRMED_S``, so
 that a single wrong value causes no return. In the air, a charge that rises much is not used:
-batteries are exchanged on the ground. A charge that falls faster than ``MAX_DISCHARGE_PCT_S`` is
+batteries are swapped on the ground. A charge that falls faster than ``MAX_DISCHARGE_PCT_S`` is
 used, but counts as a correction, not as a discharge (the simulated battery of PX4 falls to 50 %
 within half a minute, and stays there).
 """
@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from mission_service.events import BatteryUpdated
 
 CONFIRMED_S = 20.0
-LEVEL_STEP_PCT = 10.0  # larger changes of the charge must last
-TIME_STEP_S = 180.0  # larger changes of the time at which the autopilot expects an empty battery
+LEVEL_STEP_PCT = 10.0  # larger changes in charge must last
+TIME_STEP_S = 180.0  # larger changes in the autopilot's estimate of the time of an empty battery
 LEARN_EVERY_S = 30.0
 MAX_DISCHARGE_PCT_S = 100.0 / 240.0  # a full battery in four minutes
 LEVEL_SMOOTHING_S, CHARGE_SMOOTHING_S = 300.0, 120.0  # time constants
@@ -25,7 +25,7 @@ MAX_GAP_S = 60.0  # no current is integrated over a longer gap between reports
 
 @dataclass(slots=True)
 class Confirmed:
-    """A value, whose large changes are used only after they have lasted ``CONFIRMED_S``."""
+    """A value whose large changes are used only after they have lasted ``CONFIRMED_S``."""
 
     step: float
     value: float | None = None
@@ -33,7 +33,7 @@ class Confirmed:
     _since_s: float = 0.0
 
     def consider(self, value: float, at_s: float, may_rise: bool = True) -> None:
-        """Use a value that is near the last one; otherwise begin to wait, or continue."""
+        """Use a value that is near the last one; otherwise start or continue waiting."""
         if self.value is not None and abs(value - self.value) <= self.step:
             self.value, self._new = value, None
         elif self.value is not None and value > self.value and not may_rise:
@@ -52,23 +52,23 @@ class Confirmed:
 
 @dataclass(slots=True)
 class UseRate:
-    """The smoothed use of a quantity per second in flight, which is kept between flights."""
+    """The smoothed consumption of a quantity per second of flight, kept between flights."""
 
     smoothing_s: float
     max_per_s: float = math.inf
     per_s: float = 0.0
-    seen_s: float = 0.0  # time in flight from which the rate results
+    seen_s: float = 0.0  # flight time from which the rate was learned
     used: float = 0.0  # amount used in this time
-    _last: tuple[float, float] | None = None  # time and amount left
+    _last: tuple[float, float] | None = None  # time and remaining amount
     _before: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rate, time, use before the last span
     _corrected: bool = False  # whether the last span contained a correction
 
     def learn(self, left: float, at_s: float) -> None:
-        """Update the rate by the amount that is left in flight.
+        """Update the rate from the amount that remains in flight.
 
-        The first values have the weight of a mean; later the rate is an exponential average. A span
-        with a use above ``max_per_s`` is a correction. The spans before and after it, which may
-        contain its beginning and its end, do not count either.
+        The first values are averaged with equal weights; later the rate is an exponential average.
+        A span in which more than ``max_per_s`` is used is a correction. The spans before and after
+        it, which may contain its beginning and its end, do not count either.
         """
         if self._last is None:
             self._last = at_s, left
@@ -91,7 +91,7 @@ class UseRate:
         self.per_s = max(self.per_s + weight * (used / span_s - self.per_s), 0.0)
 
     def end_flight(self) -> None:
-        """Start again with the next flight; the rate remains."""
+        """Start afresh with the next flight; the rate is kept."""
         self._last = None
 
 
@@ -100,7 +100,7 @@ class BatteryReports:
     """The reports of one vehicle's battery, and the rates learned from them."""
 
     level: Confirmed = field(default_factory=lambda: Confirmed(LEVEL_STEP_PCT))  # percent
-    empty_at: Confirmed = field(default_factory=lambda: Confirmed(TIME_STEP_S))  # by the autopilot
+    empty_at: Confirmed = field(default_factory=lambda: Confirmed(TIME_STEP_S))  # the autopilot's
     level_rate: UseRate = field(
         default_factory=lambda: UseRate(LEVEL_SMOOTHING_S, MAX_DISCHARGE_PCT_S)
     )
@@ -109,11 +109,11 @@ class BatteryReports:
     voltage_v: float | None = None
     low_voltage_since_s: float | None = None
     reported_at_s: float = -math.inf
-    _used_mah: float = 0.0  # in this flight, by the autopilot or by integration of the current
+    _used_mah: float = 0.0  # in this flight, as reported or integrated from the current
     _consumed_mah: float | None = None  # as last reported
 
     def apply(self, report: BatteryUpdated, airborne: bool, min_voltage_v: float | None) -> None:
-        """Apply a report. A voltage of 0 and a percentage without a voltage of 0 % are not used."""
+        """Apply a report; voltages of 0, and charges of 0 % without a voltage, are ignored."""
         at_s = report.at_us / 1e6
         self._update_voltage(report.voltage_v, at_s, min_voltage_v)
         if report.percent is not None and (report.percent > 0.0 or report.voltage_v is not None):
@@ -131,12 +131,12 @@ class BatteryReports:
         self.reported_at_s = at_s
 
     def settle(self, at_s: float) -> None:
-        """Use the new values that have lasted, although no further report has arrived."""
+        """Use the new values that have lasted, even if no further report has arrived."""
         self.level.settle(at_s)
         self.empty_at.settle(at_s)
 
     def end_flight(self) -> None:
-        """Start again with the next flight, perhaps with another battery; the rates remain."""
+        """Start afresh with the next flight, perhaps with another battery; the rates are kept."""
         self.level, self.empty_at = Confirmed(LEVEL_STEP_PCT), Confirmed(TIME_STEP_S)
         self.level_rate.end_flight()
         self.charge_rate.end_flight()
@@ -152,13 +152,13 @@ class BatteryReports:
         return max(self.level.value - rate * silent_s, 0.0)
 
     def discharge_pct_s(self) -> float | None:
-        """Return the percent used per second; None before it is learned."""
+        """Return the percentage used per second; None until it has been learned."""
         rate = self.level_rate
         known = rate.seen_s >= MIN_LEARNED_S and rate.used >= MIN_LEARNED_PCT and rate.per_s > 0.0
         return rate.per_s if known else None
 
     def discharge_by_charge_pct_s(self) -> float | None:
-        """Return the percent used per second by the current; None before it is learned."""
+        """Return the percentage used per second, from the current; None until it is learned."""
         level, charge = self.level_rate, self.charge_rate
         known = level.used >= MIN_SHARE_PCT and charge.seen_s >= MIN_LEARNED_S
         if not known or charge.used <= 0.0 or charge.per_s <= 0.0:

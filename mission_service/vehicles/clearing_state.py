@@ -1,4 +1,4 @@
-"""Defines the progress of vehicles while the airspace is cleared. Pure."""
+"""Defines the progress of the vehicles while the airspace is being cleared. Pure."""
 
 from dataclasses import dataclass, field
 
@@ -11,25 +11,25 @@ class ClearingProgress:
     """The progress of one vehicle."""
 
     phase: ClearingPhase = "ordered"
-    why: str = ""  # why the vehicle is not reached
-    ordered_at_s: float | None = None  # time of the last order of the clearing
+    why: str = ""  # why the vehicle cannot be commanded
+    ordered_at_s: float | None = None  # time of the clearing's last order
     acknowledged: bool = False  # whether the autopilot has answered since that order
-    silent: bool = False  # whether an order had no answer in time, and none since
-    order_under_way: Order | None = None  # given by the clearing, and not yet received as an event
-    other_order: str = ""  # a later order of an operator, in words; it has precedence
-    flies_until_s: float | None = None  # predicted end of the flight that has begun
+    silent: bool = False  # whether an order was not answered in time, nor since
+    order_under_way: Order | None = None  # given by the clearing, not yet received as an event
+    other_order: str = ""  # an operator's later order, in words; it takes precedence
+    flies_until_s: float | None = None  # predicted end of the current flight
     expected_at_s: float | None = None
-    out_by_s: float | None = None  # the stated time
+    out_by_s: float | None = None  # the time stated to the operators
     alarm: str = ""
 
     def restate(self) -> None:
-        """Discard the predictions of an earlier order."""
+        """Discard the predictions made for an earlier order."""
         self.flies_until_s = self.expected_at_s = self.out_by_s = None
 
 
 @dataclass
 class ClearingState:
-    """The request that is carried out, and the progress of each vehicle, by name."""
+    """The request being carried out, and the progress of each vehicle by name."""
 
     volume: str = ""  # empty: all vehicles land
     closed_here: bool = False  # whether the request has closed the volume
@@ -40,10 +40,10 @@ class ClearingState:
 
     @property
     def in_force(self) -> bool:
-        """Whether the request is still carried out."""
+        """Whether the request is still being carried out."""
         return self.outcome == "in force"
 
     @property
     def lands(self) -> bool:
-        """Whether the vehicles land."""
+        """Whether the request is for the vehicles to land."""
         return not self.volume

@@ -33,7 +33,7 @@ def usual_return_height_m(section: VehicleSection) -> float:
 class ReturnPerformance(NamedTuple):
     """The speeds, acceleration and turn radius of a return.
 
-    ``speed_m_s`` is over the ground for copters, and the airspeed of planes.
+    ``speed_m_s`` is the ground speed of copters and the airspeed of planes.
     """
 
     speed_m_s: float
@@ -43,16 +43,16 @@ class ReturnPerformance(NamedTuple):
 
 
 def planned_performance(section: VehicleSection) -> ReturnPerformance:
-    """Return the performance in a return, as the scenario states it."""
+    """Return the performance in a return as given in the scenario."""
     speed_m_s = section.return_speed_m_s or section.airspeed_m_s
     return ReturnPerformance(speed_m_s, section.climb_m_s, ACCELERATION_M_S2, section.turn_radius_m)
 
 
 def expected_performance(vehicle: Vehicle, altitude_amsl_m: float) -> ReturnPerformance:
-    """Return the performance by the autopilot's parameters, else by the scenario.
+    """Return the performance from the autopilot's parameters, or else from the scenario.
 
-    The speed of a plane is its true airspeed at this altitude: as measured in this flight, or else
-    in the standard atmosphere.
+    The speed of a plane is its true airspeed at this altitude: as measured on this flight, or else
+    computed for the standard atmosphere.
     """
     planned, read = planned_performance(vehicle.section), vehicle.return_flight
     speed_m_s, turn_radius_m = read.speed_m_s or planned.speed_m_s, planned.turn_radius_m
@@ -72,7 +72,7 @@ def expected_performance(vehicle: Vehicle, altitude_amsl_m: float) -> ReturnPerf
 def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: float) -> float:
     """Return the seconds until the vehicle is over home; infinity if the wind prevents it.
 
-    The flight of a plane that returns to its landing ends at the loiter that begins the landing.
+    For a plane that returns to its landing, the flight ends at the loiter that begins the landing.
     ``wind_m_s`` is the velocity of the air (x, y). Copters, and planes with PX4, climb to
     ``return_amsl_m`` before they fly home; ArduPlane climbs on the way.
     """
@@ -93,7 +93,7 @@ def return_s(
     wind_m_s: Vector,
     climb_m: float,
 ) -> float:
-    """Return the seconds of a flight home; infinity if the wind prevents it.
+    """Return the duration of a flight home in seconds; infinity if the wind prevents it.
 
     ``home_m`` is the position of home relative to
     the vehicle, ``over_ground_m_s`` the vehicle's velocity, and ``wind_m_s`` that of the air, each
@@ -109,7 +109,7 @@ def return_s(
             home_m[1] - over_ground_m_s[1] * stop_s / 2.0,
         )
         straight_s = copter_home_s(from_stop_m, wind_m_s, speed_m_s, fastest_m_s)
-        both_ends_s = speed_m_s / performance.acceleration_m_s2  # half of it at each end
+        both_ends_s = speed_m_s / performance.acceleration_m_s2  # half of it at either end
         begin_s = MULTIROTOR_BEGIN_S[section.stack]
         return stop_s + begin_s + climb_s + straight_s + both_ends_s
     heading = (over_ground_m_s[0] - wind_m_s[0], over_ground_m_s[1] - wind_m_s[1])

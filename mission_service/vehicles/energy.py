@@ -1,9 +1,9 @@
-"""Estimates the time that a vehicle's energy lasts, from each of its sources. Pure.
+"""Estimates, from each source of data, how long a vehicle's energy lasts. Pure.
 
 The sources are: the vehicle's ``endurance_s``; the charge in percent, with the learned rate at
 which it falls, or with a rate computed from the consumed charge in mAh or from the current; the
 autopilot's own estimate (BATTERY_STATUS.time_remaining); a voltage below ``battery_min_voltage_v``.
-The source with the least time left on task counts.
+The source with the least time left on task is used.
 """
 
 import math
@@ -14,27 +14,27 @@ from mission_service.config.sections import VehicleSection
 from mission_service.missions.landing import glide_m
 from mission_service.vehicles.battery_reports import CONFIRMED_S, BatteryReports
 
-LANDING_SPEED_FACTOR = 0.7  # airspeed of a landing, as a fraction of the airspeed
+LANDING_SPEED_FACTOR = 0.7  # landing airspeed, as a fraction of the airspeed
 COPTER_LANDING_S = 60.0
-VTOL_DESCENT_S = 60.0  # from the height of the approach
+VTOL_DESCENT_S = 60.0  # from approach height
 
 
 class TimeLeft(NamedTuple):
-    """The time left by one source."""
+    """The time left according to one source."""
 
     source: str
     until_home_s: float  # latest arrival at home, from now; then the reserve remains
-    until_empty_s: float  # not a number if it is unknown
+    until_empty_s: float  # NaN if unknown
 
 
 class EnergyEstimate(NamedTuple):
-    """The estimate by the source with the least time left on task."""
+    """The estimate from the source with the least time left on task."""
 
     at_s: float
     source: str
     time_on_task_s: float  # until the vehicle must fly home; negative after this time
     time_home_s: float  # until arrival at home; infinity if the wind prevents it
-    until_empty_s: float  # not a number if it is unknown
+    until_empty_s: float  # NaN if unknown
 
     @property
     def runs_out(self) -> bool:
@@ -60,16 +60,16 @@ class EnergyState:
     estimate: EnergyEstimate | None = None
     reported_at_s: float = -math.inf
     flies_on: bool = False  # an operator confirmed an order to fly on beyond the limit
-    time_up_since_s: float | None = None  # since then it is overdue on its way home
+    time_up_since_s: float | None = None  # since when it should have been flying home
     overdue: bool = False  # whether the alarm is raised
-    low: Literal["", "warning", "severe"] = ""  # severity of the alarm about little energy
+    low: Literal["", "warning", "severe"] = ""  # severity of the alarm about low energy
 
 
 def landing_s(section: VehicleSection) -> float:
-    """Return the time that a landing needs after the arrival over home.
+    """Return the time that a landing takes after arrival over home.
 
-    A plane glides from its height at the airspeed of a landing, after one circle. A VTOL comes as
-    low as a plane on its approach, and then sinks vertically.
+    After one circle, a plane glides down at its landing airspeed. A VTOL first descends to approach
+    height like a plane, and then vertically.
     """
     if section.kind == "copter":
         return COPTER_LANDING_S
@@ -84,10 +84,10 @@ def landing_s(section: VehicleSection) -> float:
 def times_left(
     section: VehicleSection, battery: BatteryReports, flown_s: float, at_s: float
 ) -> list[TimeLeft]:
-    """Return the time left by each source that has a value.
+    """Return the time left according to each source that has a value.
 
-    The landing is flown within ``endurance_reserve_s``, or within the longer time that it needs;
-    ``battery_reserve_pct`` remains after the landing.
+    The landing is flown within ``endurance_reserve_s``, or within the time it takes if that is
+    longer; ``battery_reserve_pct`` remains after the landing.
     """
     found = []
     if section.endurance_s is not None:
@@ -118,9 +118,9 @@ def times_left(
 
 
 def estimate(times: list[TimeLeft], home_s: float, at_s: float) -> EnergyEstimate | None:
-    """Return the estimate by the source with the least time left on task; None without a source.
+    """Return the estimate from the source with the least time left on task; None without a source.
 
-    ``home_s`` is the time of the flight home.
+    ``home_s`` is the duration of the flight home.
     """
     if not times:
         return None

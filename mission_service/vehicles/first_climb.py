@@ -12,9 +12,9 @@ def with_first_climb(
 ) -> Items:
     """Return a mission that first climbs in a loiter, if a plane in the air is too low for it.
 
-    The speed over ground is at most the airspeed and the measured wind. Multirotors climb
-    vertically: their mission is unchanged, as is one that begins on the ground. Altitudes are in
-    metres above mean sea level.
+    The ground speed is at most the sum of the airspeed and the measured wind speed. Multirotors
+    climb vertically: their missions are unchanged, as are missions that begin on the ground.
+    Altitudes are in metres above mean sea level.
     """
     if not (vehicle.availability.airborne and vehicle.section.winged):
         return items

@@ -1,9 +1,9 @@
 """Defines the phases of a vehicle's landing, as a state machine with a table of transitions.
 
-none --order, free field--> sending --mission accepted and flown--> approach --last leg--> final
+none --order, free field--> sending --mission accepted and flown--> approach --final leg--> final
 none --order, another lands--> waiting --free field--> sending; multirotors: approach (a return)
-final --go-around--> going around --at the height of the approach--> none, holding
-any --landed, another order, a mode that was not ordered, failure--> none
+final --go-around--> going around --at the height of the approach--> none, holding any --landed,
+another order, a mode that was not ordered, failure--> none
 """
 
 from collections import deque
@@ -14,7 +14,7 @@ from autopilot_bridge.transitions import enter
 from mission_service.commands import LandingPhaseName
 from mission_service.missions.landing_mission import LandingMission
 
-HISTORY_LENGTH = 20  # number of phases that the error about an invalid transition lists
+HISTORY_LENGTH = 20  # number of phases listed in the error about an invalid transition
 
 
 class LandingPhase(Enum):
@@ -23,8 +23,8 @@ class LandingPhase(Enum):
     NONE = "none"
     WAITING = "waiting"  # until another vehicle has landed at the same field
     SENDING = "sending"  # the landing mission is sent and started
-    APPROACH = "approach"  # on the way to the last leg
-    FINAL = "final"  # on the last leg, or on the ground and not yet disarmed
+    APPROACH = "approach"  # on the way to the final leg
+    FINAL = "final"  # on the final leg, or on the ground and not yet disarmed
     GOING_AROUND = "going around"
 
 
@@ -34,10 +34,10 @@ LANDING_TRANSITIONS: dict[LandingPhase, tuple[LandingPhase, ...]] = {
     LandingPhase.SENDING: (LandingPhase.APPROACH, LandingPhase.NONE),
     LandingPhase.APPROACH: (LandingPhase.FINAL, LandingPhase.NONE),
     LandingPhase.FINAL: (LandingPhase.GOING_AROUND, LandingPhase.NONE),
-    # A refused go-around leaves the vehicle on its last leg.
+    # A refused go-around leaves the vehicle on its final leg.
     LandingPhase.GOING_AROUND: (LandingPhase.FINAL, LandingPhase.NONE),
 }
-# Time after which an alarm is raised about a phase that has not ended, in seconds.
+# Time in seconds after which a phase that has not ended raises an alarm.
 LIMITS_S = {
     LandingPhase.WAITING: 300.0,
     LandingPhase.SENDING: 120.0,
@@ -54,37 +54,37 @@ class LandingState:
     phases: deque[LandingPhase] = field(
         default_factory=lambda: deque([LandingPhase.NONE], HISTORY_LENGTH)
     )
-    since_s: float = 0.0  # time of the last change of the phase
-    rank: int = 0  # order of vehicles that begin to wait at the same time
+    since_s: float = 0.0  # time of the last phase change
+    rank: int = 0  # order among vehicles that begin to wait at the same time
     mission: LandingMission | None = None  # the landing mission sent last
-    seq: int = 0  # current item, as reported since that mission was accepted
+    seq: int = 0  # current item as reported since that mission was accepted
     failures: int = 0  # uploads and starts of landing missions that failed in this landing
     again_at_s: float | None = None  # time of the next attempt after a failure
-    start_again_at_s: float = 0.0  # time of the next start of the mission on board, if it is due
+    start_again_at_s: float = 0.0  # time of the next start of the mission on board, if one is due
     alarm: bool = False  # whether the alarm about the landing is raised
 
     @property
     def landing_phase(self) -> LandingPhase:
-        """The phase now."""
+        """The current phase."""
         return self.phases[-1]
 
     @property
     def shown(self) -> LandingPhaseName:
-        """The phase as commands and interfaces name it."""
+        """The name of the phase in commands and interfaces."""
         return self.landing_phase.value
 
     @property
     def active(self) -> bool:
-        """Whether the vehicle lands, or waits for its landing."""
+        """Whether the vehicle is landing or waiting to land."""
         return self.landing_phase is not LandingPhase.NONE
 
     @property
     def uses_field(self) -> bool:
-        """Whether other vehicles must wait with their landings."""
+        """Whether other vehicles must wait before they land."""
         return self.landing_phase not in (LandingPhase.NONE, LandingPhase.WAITING)
 
     def turn(self, vehicle: str) -> tuple[float, int, str]:
-        """Return the sort key of the vehicles that wait for their landing."""
+        """Return the sort key of the vehicles that are waiting to land."""
         return self.since_s, self.rank, vehicle
 
     def enter(self, phase: LandingPhase, at_s: float, vehicle: str) -> None:

@@ -14,7 +14,7 @@ LINE_TOLERANCE_M = 5.0
 
 
 class MissionsSent:
-    """The counter of missions of all vehicles."""
+    """The counter of all vehicles' missions."""
 
     def __init__(self) -> None:
         self._next_id = 1
@@ -36,7 +36,7 @@ class MissionsSent:
         """
         mission_id = self._next_id
         self._next_id += 1
-        if len(path_m) == 1:  # the path is only the centre of a loiter
+        if len(path_m) == 1:  # the path is just the centre of a loiter
             path_m = np.array([(fix.x_m, fix.y_m), path_m[0]])
         line = shapely.simplify(shapely.LineString(path_m), LINE_TOLERANCE_M)
         takes_off = bool(items) and items[0].command in TAKEOFFS

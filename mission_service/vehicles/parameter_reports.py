@@ -1,4 +1,4 @@
-"""Reads, after each contact, the parameters of the lost link, the return and the kind. Sans-IO."""
+"""Reads lost-link, return and vehicle-kind parameters after each contact. Sans-IO."""
 
 from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.stacks import link_loss, return_flight
@@ -20,9 +20,9 @@ READ_AGAIN_US = 60_000_000  # while disarmed, because an operator may change par
 
 
 class ParameterReports:
-    """The reader of one vehicle's parameters; one request is active at a time.
+    """The reader of one vehicle's parameters; one request at a time is active.
 
-    Times are those of the link. ``station_id`` is the system id of the client's heartbeats.
+    Times are those of the link. ``station_id`` is the system id in the client's heartbeats.
     """
 
     def __init__(self, name: str, client: VehicleClient, station_id: int) -> None:
@@ -44,9 +44,9 @@ class ParameterReports:
         self._read(now_us)
 
     def receive(self, event: ClientEvent, at_us: int, now_us: int) -> list[ParametersReported]:
-        """Process an event of the client; return a report at the end of a read, if it is new.
+        """Process a client event; return a report at the end of a read if anything has changed.
 
-        ``at_us`` is the mission time. On a lost link no parameter is requested.
+        ``at_us`` is the mission time. While the link is lost, no parameter is requested.
         """
         match event:
             case Connected() | Rebooted():

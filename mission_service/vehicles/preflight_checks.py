@@ -1,9 +1,9 @@
 """Computes the pre-flight checks of a vehicle on the ground. Pure.
 
-Each check passes, fails, or is unknown, because its data are missing. A failing check prevents a
+Each check passes, fails, or is unknown because its data are missing. A failing check prevents a
 takeoff until a person overrides the check; the checks in ``NEVER_OVERRIDDEN`` always prevent it. A
-start without an order of a person (``autostart``) is delayed by the failing checks in
-``DELAY_AUTOSTART``; other failing checks are announced at this start.
+start that nobody ordered (``autostart``) is delayed by failing checks in ``DELAY_AUTOSTART``; other
+failing checks are announced when the vehicle starts.
 """
 
 import math
@@ -24,7 +24,7 @@ NEVER_OVERRIDDEN = (POSITION, ESTIMATOR, AIRSPACE, KIND, REMOTE_ID)
 DELAY_AUTOSTART = (*NEVER_OVERRIDDEN, BATTERY, WIND)
 
 POSITION_AGE_S = 10.0
-HOME_NEAR_M = 150.0  # a vehicle farther from the home of the scenario fails the check
+HOME_NEAR_M = 150.0  # a vehicle farther from the scenario's home fails the check
 HEIGHT_DIFFERENCE_M = 40.0  # between the reported altitude and the terrain
 AIRCRAFT_NEAR_M, AIRCRAFT_ABOVE_M = 2000.0, 450.0
 
@@ -44,15 +44,15 @@ class Departure:
     Attributes:
         at_s: Mission time.
         wind_m_s: Velocity of the air (x, y) on the map.
-        return_height_m: Height above home of a return.
+        return_height_m: Return height above home.
         ground_amsl_m: Elevation of the terrain at the vehicle; None if it is unknown.
         airspace: The closed airspace that the takeoff or the mission on board would enter, or "".
         has_surveillance: Whether the run receives other aircraft.
         nearest: The nearest other aircraft, or None.
         requires_remote_id: Whether the scenario requires Remote ID.
-        return_clearance_m: Least height above the ground of returns from the positions of the
+        return_clearance_m: Least height above the ground on a return from any position of the
             mission on board; None if it is unknown.
-        return_remedy: The clearance with its remedy if it is too small, or "".
+        return_remedy: The clearance and its remedy if it is too small, or "".
     """
 
     at_s: float
@@ -94,14 +94,14 @@ def failing(checks: Iterable[PreflightCheck]) -> list[PreflightCheck]:
 
 
 def in_words(checks: Iterable[PreflightCheck], limit: int = 2) -> str:
-    """Return the first checks in one line, and the number of further checks."""
+    """Return the first checks in one line, with the number of further checks."""
     listed = list(checks)
     words = "; ".join(f"{check.name}: {check.text}" for check in listed[:limit])
     return f"{words}; and {len(listed) - limit} more" if len(listed) > limit else words
 
 
 def max_wind_m_s(section: VehicleSection) -> float:
-    """Return the wind in which a vehicle may take off: given, or the airspeed of its return."""
+    """Return the wind in which a vehicle may take off: as given, or its return airspeed."""
     if section.max_wind_m_s is not None:
         return section.max_wind_m_s
     if section.kind == "copter":
@@ -110,9 +110,9 @@ def max_wind_m_s(section: VehicleSection) -> float:
 
 
 def _battery(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
-    """Compare the energy with the reserve, and with the flight to the task and home.
+    """Compare the energy with the reserve and with the need of the flight to the task and back.
 
-    A charge below the one in use counts at once, and a higher one when it has lasted.
+    A reported charge below the one in use counts at once; a higher one only after it has lasted.
     """
     section, at_s = vehicle.section, departure.at_s
     charges_pct = (vehicle.battery.level_pct(at_s), vehicle.battery.reported_pct)
@@ -219,7 +219,7 @@ def _kind(vehicle: Vehicle) -> PreflightCheck:
 
 
 def _home(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
-    """Compare the position and altitude with the home of the scenario and the terrain."""
+    """Compare the position and altitude with the scenario's home and the terrain."""
     fix = vehicle.availability.fix
     if fix is None:
         return PreflightCheck("home", "unknown", "no position reported")
@@ -239,7 +239,7 @@ def _home(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
 
 
 def _mission(vehicle: Vehicle) -> PreflightCheck:
-    """Return whether a mission that begins with a takeoff was accepted."""
+    """Check that a mission that begins with a takeoff was accepted."""
     accepted = vehicle.accepted
     state: CheckState = "unknown"
     if vehicle.unconfirmed is not None:
@@ -269,7 +269,7 @@ def _airspace(departure: Departure) -> PreflightCheck:
 
 
 def _return(departure: Departure) -> PreflightCheck:
-    """Compare the return that the autopilot would begin by itself with the ground on its way."""
+    """Compare the autopilot's own return with the ground along its path."""
     if departure.return_remedy:
         words = f"a return from the mission would be {departure.return_remedy}"
         return PreflightCheck("return", "fail", words)
@@ -314,7 +314,7 @@ def _aircraft(departure: Departure) -> PreflightCheck:
 
 
 def _remote_id(vehicle: Vehicle, required: bool) -> PreflightCheck:
-    """Return whether the Remote ID module is ready; only a required module can fail."""
+    """Check that the Remote ID module is ready; only a required module can fail."""
     report = vehicle.remote_id
     if report.state == "ready":
         return PreflightCheck(REMOTE_ID, "pass", report.state_in_words)

@@ -1,4 +1,4 @@
-"""Defines the state of one vehicle that concerns its next takeoff. Pure."""
+"""Defines the state of one vehicle that relates to its next takeoff. Pure."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from mission_service.commands import PreflightCheck
 class SignOff(NamedTuple):
     """A person's sign-off of the pre-flight checks, which ends with the takeoff.
 
-    ``overridden`` are the names of the checks that failed and that the person overrode.
+    ``overridden`` contains the names of the failed checks that the person overrode.
     """
 
     by: str

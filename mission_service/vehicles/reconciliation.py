@@ -11,7 +11,7 @@ def unconfirmed(vehicle: Vehicle) -> None:
 
     Operators' orders remain valid.
     """
-    was = vehicle.unconfirmed  # the service restarted again before the read-back
+    was = vehicle.unconfirmed  # the service was restarted again before the read-back
     pending = vehicle.pending or (was.pending if was else None)
     sent_home = vehicle.availability.recalled and vehicle.sent_home
     recalled = sent_home or bool(was and was.recalled)
@@ -40,7 +40,7 @@ def recognised(
 
 
 def in_words(event: MissionReadBack) -> str:
-    """Return the result of a read-back as a line for the operator."""
+    """Return the result of a read-back in one line for the operator."""
     if event.items is None:
         return "its mission could not be read back: a new mission is sent"
     if event.mission_id:

@@ -1,4 +1,4 @@
-"""Separates all vehicles in flight, by the rules in ``missions/separation.py``."""
+"""Separates all vehicles in flight according to the rules in ``missions/separation.py``."""
 
 import math
 from dataclasses import dataclass, replace
@@ -60,7 +60,7 @@ class Flown:
 
 
 class TrafficManager:
-    """The tracks and positions of all vehicles, and the decisions on which of them gives way."""
+    """The tracks and positions of all vehicles, and the decisions about which of them gives way."""
 
     def __init__(
         self, scenario: Scenario, landscape: Landscape, availability: dict[str, VehicleAvailability]
@@ -111,7 +111,7 @@ class TrafficManager:
         return lambda points_m: heights_below(points_m, tracks) + self._separation_m + MARGIN_M
 
     def comes_too_low(self, name: str) -> bool:
-        """Return whether a vehicle in a lower layer has a new mission close below this mission."""
+        """Return whether a vehicle in a lower layer has a new mission close below its mission."""
         own = self._all[name]
         missions = self._missions_below(name)
         if missions == own.compared or own.track is None or own.availability.fix is None:
@@ -190,7 +190,7 @@ class TrafficManager:
         return unable or gives_way(fix, other_fix, other_name in self._earlier[name])
 
     def _descent_above(self, fix: PositionFix, other: Flown) -> Floats | None:
-        """Return the descent of a vehicle that lands from above a position, or None."""
+        """Return the descent of a vehicle that is landing from above a position, or None."""
         other_fix = other.availability.fix
         if other.availability.landing not in DESCENDING or other_fix is None:
             return None
@@ -198,7 +198,7 @@ class TrafficManager:
         return other.descent_m if below else None
 
     def _are_in_layers(self, own: Flown, other: Flown) -> bool:
-        """Return whether two vehicles have different layers and have reached their layers."""
+        """Return whether two vehicles have different layers and have reached them."""
         fix, other_fix = own.availability.fix, other.availability.fix
         both = own.availability.flies and other.availability.flies
         if fix is None or other_fix is None or not both:
@@ -209,7 +209,7 @@ class TrafficManager:
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def may_turn_back(self, name: str) -> bool:
-        """Return whether a vehicle may turn back: no vehicle nearby is moving out of the way."""
+        """Return whether a vehicle may turn back: no nearby vehicle is moving out of the way."""
         fix = self._all[name].availability.fix
         for other in self._all.values():
             other_fix = other.availability.fix
@@ -227,7 +227,7 @@ class TrafficManager:
         return place
 
     def may_take_off(self, name: str, at_s: float) -> bool:
-        """Return whether a vehicle's home is clear of others; if so, record the takeoff."""
+        """Return whether a vehicle's home is clear of other vehicles; if so, record the takeoff."""
         own = self._all[name]
         for other in self._all.values():
             if other is own:
@@ -248,7 +248,7 @@ class TrafficManager:
 
 
 def _path_ahead(own: Flown, fix: PositionFix) -> Floats:
-    """Return points (n, 2) of a vehicle's path in the next ``AHEAD_S``, from its position."""
+    """Return points (n, 2) of a vehicle's path over the next ``AHEAD_S``, from its position."""
     if own.track is None:
         return straight_on(fix)
     count = 2 + math.ceil(AHEAD_S * math.hypot(fix.east_m_s, fix.north_m_s) / SPACING_M)

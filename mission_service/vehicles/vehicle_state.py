@@ -22,7 +22,7 @@ from mission_service.vehicles.preflight_state import PreflightState, SignOff
 from mission_service.vehicles.remote_id_state import RemoteIdReport
 
 Floats = NDArray[np.float64]
-HISTORY_LENGTH = 20  # number of phases that the error about an invalid transition lists
+HISTORY_LENGTH = 20  # number of phases listed in the error about an invalid transition
 
 
 class MissionPhase(Enum):
@@ -35,7 +35,7 @@ class MissionPhase(Enum):
     FAILED = "failed"
     REFUSED = "refused"  # refused by an operator, or similar to a refused mission
     WITHDRAWN = "withdrawn"
-    # Dropped during its upload, by a restart or because it is not needed any more.
+    # Dropped during its upload, by a restart or because it is no longer needed.
     DROPPED = "dropped"
 
 
@@ -74,12 +74,12 @@ class Refusal:
 
 @dataclass
 class UnconfirmedState:
-    """The state at the end of the last run, which the vehicle has not confirmed yet."""
+    """The state at the end of the last run, which the vehicle has not yet confirmed."""
 
     pending: Pending | None
     recalled: bool  # whether the vehicle was ordered home
     starting: bool
-    resumed: bool = False  # an operator has ordered resume; the start follows the read-back
+    resumed: bool = False  # an operator has ordered "resume"; the start follows the read-back
 
 
 @dataclass
@@ -94,7 +94,7 @@ class Vehicle:
     deployed: bool = False
     started: bool = False
     holding: bool = False
-    ordered: Literal["", "hold"] = ""  # order of an operator
+    ordered: Literal["", "hold"] = ""  # an operator's order
     hold_under_way_s: float | None = None  # time at which a hold without acknowledgement was sent
     hold_again_at_s: float | None = None  # time of the next hold, until the autopilot accepts it
     # Latitude, longitude and altitude (m AMSL) of a hold that is not at the current position.
@@ -106,16 +106,16 @@ class Vehicle:
     preflight: PreflightState = field(default_factory=PreflightState)
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
-    going_home: bool = False  # whether the energy left is needed for the flight home
+    going_home: bool = False  # whether the remaining energy is needed for the flight home
     sent_home: bool = False
-    lands_after_return: bool = False  # a plane that was relieved lands, instead of circling at home
+    lands_after_return: bool = False  # a relieved plane lands instead of circling at home
     next_mission: Pending | None = None  # the mission that is proposed or being uploaded
     mission_phases: deque[MissionPhase] = field(
         default_factory=lambda: deque([MissionPhase.NONE], HISTORY_LENGTH)
     )
     refusal: Refusal | None = None
     landing_state: LandingState = field(default_factory=LandingState)
-    airspeed_m_s: float | None = None  # mean of measured airspeeds
+    airspeed_m_s: float | None = None  # mean of the measured airspeeds
     # Time since which the measured airspeed differs from the commanded airspeed.
     airspeed_differs_since_s: float | None = None
     airspeed_alarm: bool = False
@@ -126,13 +126,13 @@ class Vehicle:
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
     remote_id: RemoteIdReport = field(default_factory=RemoteIdReport)
     silent_links: tuple[str, ...] = ()  # those of several links that are silent
-    lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown
+    lost_link: str = ""  # its lost-link reaction in words; empty if unknown
     lost_link_problem: str = ""  # what is wrong with this reaction, and the remedy
-    reported_kind: str = ""  # by its autopilot's parameters; empty if unknown
-    reported_stack: str = ""  # by its heartbeat; empty if unknown
-    return_flight: ReturnFlight = UNREAD  # by its parameters, as far as they were read
-    current_seq: int = 0  # index of the mission item that the vehicle flies, as last reported
-    takes_off: bool = False  # whether the vehicle flies the takeoff item of its mission
+    reported_kind: str = ""  # from its autopilot's parameters; empty if unknown
+    reported_stack: str = ""  # from its heartbeat; empty if unknown
+    return_flight: ReturnFlight = UNREAD  # from its parameters, as far as they were read
+    current_seq: int = 0  # index of the current mission item, as last reported
+    takes_off: bool = False  # whether the vehicle is flying its mission's takeoff item
     uploaded_at_s: float = -1e9
     upload_ended_at_s: float = -1e9
     not_before_s: float = -1e9
@@ -151,7 +151,7 @@ class Vehicle:
 
     @property
     def awaits_mission(self) -> bool:
-        """Whether a mission is being uploaded or waits for an operator's approval."""
+        """Whether a mission is being uploaded or is awaiting an operator's approval."""
         return self.next_mission is not None
 
     @property
@@ -161,7 +161,7 @@ class Vehicle:
 
     @property
     def proposed(self) -> Pending | None:
-        """The mission that waits for an operator's approval."""
+        """The mission that is awaiting an operator's approval."""
         return self.next_mission if self.mission_phases[-1] is MissionPhase.PROPOSED else None
 
     @property
@@ -195,13 +195,13 @@ class Vehicle:
         assert not (signed and flies), f"{self.name}: signed off in the air, or although it waits"
 
     def end_intentions(self) -> None:
-        """Cancel commands that would be repeated or would follow another command."""
+        """Cancel commands that are due to be repeated or to follow another command."""
         self.start_again_at_s = self.return_again_at_s = None
         self.holding = self.start_under_way = False
         self.end_sign_off()
 
     def end_sign_off(self) -> None:
-        """End the sign-off of a takeoff that has not begun: the vehicle waits for another."""
+        """End the sign-off of a takeoff that has not begun: the vehicle waits for another one."""
         if self.signed_off is not None:
             self.signed_off, self.waits_for_operator = None, True
 

@@ -1,12 +1,12 @@
 """Computes the duration of a vehicle's flight home in a steady wind. Pure.
 
-Positions and velocities are (x, y) on the map: metres to the east and to the north. The wind is the
-velocity of the air.
+Positions and velocities are (x, y) on the map: metres east and north. The wind is the velocity of
+the air.
 
 A plane flies one turn of constant radius (through the air) and then straight. In the frame of the
 air, home moves against the wind, and the plane reaches it when the length of the shortest such path
-equals the distance flown through the air. A copter turns in place and keeps its ground speed, as
-far as its maximum airspeed permits.
+equals the distance flown through the air by then. A copter turns on the spot and keeps its ground
+speed as far as its maximum airspeed permits.
 """
 
 import math
@@ -15,7 +15,7 @@ from collections.abc import Callable
 Vector = tuple[float, float]
 
 ITERATIONS = 50
-STEPS = 400  # of the search in a wind that is faster than the vehicle
+STEPS = 400  # of the search in a wind faster than the vehicle
 WHOLE_TURN_RAD = math.tau - 1e-9  # a longer turn results from rounding: the turn is 0
 
 
@@ -25,14 +25,14 @@ def plane_home_s(
     """Return the seconds until a plane is at home; infinity if the wind prevents this.
 
     ``home_m`` is the position of home relative to the plane. Only the direction of
-    ``through_air_m_s``, the plane's velocity relative to the air, is used. A home inside both turns
-    of the plane counts as reached by the longer turn.
+    ``through_air_m_s``, the plane's velocity relative to the air, is used. If home lies inside both
+    turning circles, the longer turn is assumed to reach it.
     """
     wind_speed_m_s = math.hypot(*wind_m_s)
     distance_m = math.hypot(*home_m)
 
     def excess_m(after_s: float) -> float:
-        """Return the length of the path to home at this time, minus the distance flown."""
+        """Return the length of the path home at this time minus the distance flown."""
         place_m = (home_m[0] - wind_m_s[0] * after_s, home_m[1] - wind_m_s[1] * after_s)
         return _turn_and_line_m(place_m, through_air_m_s, radius_m) - airspeed_m_s * after_s
 
@@ -56,7 +56,7 @@ def copter_home_s(
 ) -> float:
     """Return the seconds until a copter is at home; infinity if the wind prevents this.
 
-    ``speed_m_s`` is its speed over the ground.
+    ``speed_m_s`` is its ground speed.
     """
     distance_m = math.hypot(*home_m)
     if distance_m == 0.0:
@@ -70,7 +70,7 @@ def copter_home_s(
 
 
 def _turn_and_line_m(place_m: Vector, heading: Vector, radius_m: float) -> float:
-    """Return the length of the shortest path of one turn and a straight line to a position."""
+    """Return the length of the shortest path to a position: one turn and a straight line."""
     return min(_one_side_m(place_m, heading, radius_m, side) for side in (1.0, -1.0))
 
 
@@ -92,7 +92,7 @@ def _one_side_m(place_m: Vector, heading: Vector, radius_m: float, side: float) 
 
 
 def _reachable_s(home_m: Vector, wind_m_s: Vector, airspeed_m_s: float) -> tuple[float, float]:
-    """Return the first and last time at which a straight flight in a faster wind reaches home."""
+    """Return the first and last time at which a straight flight can reach home in a faster wind."""
     excess = max(wind_m_s[0] ** 2 + wind_m_s[1] ** 2 - airspeed_m_s**2, 1e-6)
     along = wind_m_s[0] * home_m[0] + wind_m_s[1] * home_m[1]
     square = along**2 - excess * (home_m[0] ** 2 + home_m[1] ** 2)
@@ -103,7 +103,7 @@ def _reachable_s(home_m: Vector, wind_m_s: Vector, airspeed_m_s: float) -> tuple
 
 
 def _root(excess_m: Callable[[float], float], low_s: float, high_s: float) -> float:
-    """Return the time between two times at which the excess falls to 0, by bisection."""
+    """Return the time at which the excess falls to 0, found by bisection between two times."""
     for _ in range(ITERATIONS):
         middle_s = (low_s + high_s) / 2.0
         if excess_m(middle_s) > 0.0:

@@ -1,1 +1,1 @@
-"""Read files: rasters of landscapes and of arrival times, shapes, and weather."""
+"""Read files: landscape and arrival time rasters, shapes, and weather."""

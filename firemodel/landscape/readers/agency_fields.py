@@ -1,9 +1,9 @@
-"""Find attributes of mapped fires by the field names of several agencies."""
+"""Find the attributes of mapped fires by the field names that several agencies use."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-# Shapefiles truncate names to ten characters; views of WFIGS add a prefix.
+# Shapefiles truncate names to ten characters; WFIGS views add a prefix.
 CUT = 10
 PREFIXES = ("", "poly_", "attr_")
 

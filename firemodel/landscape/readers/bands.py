@@ -23,7 +23,7 @@ from firemodel.landscape.landscape import (
 )
 from firemodel.landscape.readers.formats import OFFLINE, raster_driver
 
-MAX_CELLS = 250_000_000  # limit of a raster; a fire on so many cells needs about 15 GB of memory
+MAX_CELLS = 250_000_000  # limit for a raster; a fire on so many cells needs about 15 GB of memory
 LCP_NODATA = -9999.0  # fixed by the .lcp format, whose header contains no nodata value
 
 
@@ -38,7 +38,7 @@ class Grid:
     cell_size_m: float
 
     def difference(self, other: "Grid") -> str:
-        """Return the difference of another grid as text, which is empty below 1/1000 of a cell."""
+        """Return as text how another grid differs; empty if by less than 1/1000 of a cell."""
         if not same_crs(self.crs, other.crs):
             return f"CRS {crs_label(other.crs)} differs from the CRS {crs_label(self.crs)}"
         if self.shape != other.shape:
@@ -60,7 +60,7 @@ class Band:
     """The unchecked header of one band of a file."""
 
     path: Path
-    number: int  # number of the band, from 1
+    number: int  # band number, from 1
     count: int  # number of bands in the file
     driver: str
     description: str
@@ -77,12 +77,12 @@ class Band:
 
     @property
     def name(self) -> str:
-        """The name of the band in error messages."""
+        """The band's name in error messages."""
         return f"{self.path}" if self.count == 1 else f"{self.path} band {self.number}"
 
 
 def check_file(path: Path) -> None:
-    """Raise FireModelError if a path is not the path of a file."""
+    """Raise FireModelError if a path is not that of a file."""
     if not path.is_file():
         folder = path.is_dir()
         raise FireModelError(f"{path}: {'is a folder; give a file' if folder else 'no such file'}")
@@ -164,7 +164,7 @@ def band_of(source: Path | tuple[Path, int]) -> Band:
 
 
 def values_of(band: Band) -> NDArray[Any]:
-    """Return a band's values (y, x) in the data type of the band.
+    """Return a band's values (y, x) in the band's data type.
 
     Raises FireModelError if the file is damaged or has more than ``MAX_CELLS`` cells.
     """
@@ -185,7 +185,7 @@ def size_problems(band: Band) -> Iterator[str]:
 
 
 def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) -> Mask:
-    """Return a mask (y, x) that is True for each cell without a value.
+    """Return a mask (y, x) that is True in each cell without a value.
 
     A cell without a value is not finite, has the file's nodata value or ``nodata``, or is masked in
     the file.
@@ -263,7 +263,7 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
 
 
 def grid_of(band: Band, crs: str | None = None) -> Grid:
-    """Return the grid of a band. Raises FireModelError with the first of ``grid_problems``."""
+    """Return a band's grid. Raises FireModelError with the first of ``grid_problems``."""
     refuse(grid_problems(band, crs))
     west_m, north_m = band.transform.c, band.transform.f
     return Grid(str(band.crs or crs), band.shape, west_m, north_m, band.transform.a)

@@ -1,4 +1,4 @@
-"""Find the time of each feature of a file in the attributes of the feature."""
+"""Find the time of each feature in a file from the feature's attributes."""
 
 import math
 import re
@@ -11,13 +11,13 @@ import numpy as np
 
 Record = dict[str, Any]
 
-# Fields with the time of a perimeter, in the order of preference; the fields of one row have the
-# same meaning. Case is ignored. Shapefiles truncate names to ten bytes.
+# Fields with the time of a perimeter, in order of preference; the fields in one row have the same
+# meaning. Case is ignored. Shapefiles truncate names to ten bytes.
 FIELDS = (
     ("PolygonDateTime", "poly_PolygonDateTime"),  # WFIGS, and its views with a prefix
     ("perimeterdatetime", "perDatTime"),  # GeoMAC
     ("poly_DateCurrent", "DateCurrent"),  # FIRIS, CAL FIRE (NIFC); elsewhere: last change
-    ("timestamp", "when", "begin"),  # KML; GDAL returns the beginning of a TimeSpan as a field
+    ("timestamp", "when", "begin"),  # KML; GDAL returns the start of a TimeSpan as a field
     ("datetime", "date_time"),
     ("time",),
 )
@@ -34,18 +34,18 @@ US_TIMES = ("%m/%d/%Y %I:%M:%S %p", "%m/%d/%Y %I:%M %p")  # formats in GeoMAC's 
 
 
 class TimeColumn(NamedTuple):
-    """The times of a file's features, as in the file."""
+    """The times of a file's features, as they are in the file."""
 
     field: str  # the name of the field in the file, for messages
     values: list[Any]  # one for each feature; None if there is no time
 
 
 def time_column(records: Sequence[Record]) -> TimeColumn | None:
-    """Return the field with the times of features, from the attributes of each feature.
+    """Return the field with the features' times, from the attributes of each feature.
 
-    If there are the two FIRIS fields with the date and the time of day, the values of both are
-    joined. Otherwise, the field is the first of ``FIELDS`` that has a value in any feature. Returns
-    None if there is no such field.
+    If the two FIRIS fields with the date and the time of day are present, their values are joined.
+    Otherwise, the field is the first of ``FIELDS`` that has a value in any feature. Returns None if
+    there is no such field.
     """
     names = {key.lower(): key for record in records for key in record}
     day, clock = names.get(FIRIS_DATE.lower()), names.get(FIRIS_TIME.lower())
@@ -67,7 +67,7 @@ def is_firis(column: TimeColumn) -> bool:
 
 
 def _joined(day: Any, clock: Any) -> str | None:
-    """Return date and time as ISO 8601 from numbers or texts such as 20191031 and 19:37:11."""
+    """Return the date and time as ISO 8601 from numbers or text such as 20191031 and 19:37:11."""
     if _is_missing(day) or _is_missing(clock):
         return None
     days, clocks = (re.sub(r"\.0+$", "", str(value).strip()) for value in (day, clock))
@@ -98,7 +98,7 @@ def _without_midnight(values: list[Any]) -> list[Any]:
 
 
 def time_in(value: Any, zone: tzinfo) -> datetime | date:
-    """Return the time in a field's value: an aware datetime in UTC, or a date without time of day.
+    """Return the time in a field's value: an aware datetime in UTC, or a date with no time of day.
 
     Args:
         value: A text in ISO 8601 or with slashes (2019/10/31 19:37:11+00, 10/31/2019 7:37:11 PM),

@@ -1,8 +1,8 @@
-"""Detect a file's format by its content before GDAL opens the file.
+"""Detect a file's format from its contents before GDAL opens the file.
 
-GDAL also detects formats by content. Files of some formats (VRT, OGR-VRT, GDALG, web services)
-contain file names and URLs, which GDAL opens regardless of the extension of the file. Therefore
-only the few formats that this module checks are accepted.
+GDAL also detects formats from contents. Files of some formats (VRT, OGR-VRT, GDALG, web services)
+contain file names and URLs, which GDAL opens regardless of the file's extension. Therefore only the
+few formats that this module checks are accepted.
 """
 
 import json
@@ -24,7 +24,7 @@ GRIDDED = {"netCDF": (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n"), "GRIB
 LCP_FLAGS = (20, 21)  # an .lcp file begins with two of these numbers
 SHAPEFILE = struct.pack(">i", 9994)
 SQLITE = b"SQLite format 3\x00"
-GEOPACKAGE = (b"GP10", b"GP11", b"GPKG")  # application ids in the header of the database
+GEOPACKAGE = (b"GP10", b"GP11", b"GPKG")  # application ids in the database header
 GEOJSON = (
     *("FeatureCollection", "Feature", "GeometryCollection", "Point", "MultiPoint", "LineString"),
     *("MultiLineString", "Polygon", "MultiPolygon"),
@@ -63,9 +63,9 @@ def raster_driver(path: Path) -> str:
 
 
 def wind_driver(path: Path) -> str:
-    """Return the GDAL driver for a raster of wind, which may also be a NetCDF or GRIB file.
+    """Return the GDAL driver for a wind raster, which may also be a NetCDF or GRIB file.
 
-    Raises FireModelError if the format is not accepted, or if this GDAL has no driver for it.
+    Raises FireModelError if the format is not accepted, or if this GDAL build has no driver for it.
     """
     start = _start(path)
     found = next((driver for driver, magic in GRIDDED.items() if start.startswith(magic)), None)
@@ -83,7 +83,7 @@ def wind_driver(path: Path) -> str:
 
 
 def check_shapes(path: Path) -> None:
-    """Raise FireModelError unless a file is in one of the formats of shapes.
+    """Raise FireModelError unless a file is in one of the formats for shapes.
 
     The formats are GeoJSON, KML, KMZ, GeoPackage and Shapefile (zipped or not).
     """

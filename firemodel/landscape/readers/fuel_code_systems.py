@@ -2,7 +2,7 @@
 
 Some systems use the same numbers for other fuels: code 1 is spruce-lichen woodland in the Canadian
 system, but short grass in Anderson's. A raster with codes of another system can be recognised by
-its other codes, or by the lookup table of Cell2Fire in the same folder.
+its other codes, or by a Cell2Fire lookup table in the same folder.
 """
 
 import csv
@@ -33,7 +33,7 @@ SYSTEMS = {
     },
     "Australian (AFDRS)": {*range(3001, 3100)},
 }
-# The first part of the name of a Cell2Fire lookup table, and the system of its codes.
+# The first part of a Cell2Fire lookup table's name, and the system of its codes.
 TABLES = {
     "fbp": "Canadian FBP",
     "kitral": "Kitral (Chile)",
@@ -47,7 +47,7 @@ ADVICE = (
 
 
 def renamed_code(path: Path, codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
-    """Return a text about the first code that means another fuel in a table in the raster's folder.
+    """Return text about the first code that means another fuel in a table in the raster's folder.
 
     ``codes`` are the codes in the raster, ``fuels`` the fuel models of this run. The text is empty
     if no table contradicts the models.
@@ -76,7 +76,7 @@ def advice_on(codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
 
 
 def names_in(table: Path) -> dict[int, str]:
-    """Return the fuel type of each code in a lookup table of Cell2Fire; empty for other files."""
+    """Return the fuel type of each code in a Cell2Fire lookup table; empty for other files."""
     try:
         rows = list(csv.DictReader(table.read_text(encoding="utf-8-sig").splitlines()))
         return {int(row["grid_value"]): row[_column_of_types(row)].strip() for row in rows}

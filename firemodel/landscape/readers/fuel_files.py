@@ -1,4 +1,4 @@
-"""Read the fuel files of FARSITE: custom models (.fmd), moistures (.fms), rate factors (.adj)."""
+"""Read FARSITE's fuel files: custom models (.fmd), moistures (.fms), rate factors (.adj)."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -15,9 +15,10 @@ from firemodel.physics.fuels import (
 from firemodel.physics.rothermel import M_PER_FT, Moisture
 
 CM_PER_FT = 100.0 * M_PER_FT
-LB_FT2_PER_TONNE_HA = 0.1 / 4.88242764  # kg/m² in a tonne/ha, kg/m² in a lb/ft²
+LB_FT2_PER_TONNE_HA = 0.1 / 4.88242764  # kg/m² per tonne/ha, kg/m² per lb/ft²
 J_KG_PER_BTU_LB = 2326.0
-# Factors from the units of a .fmd file to lb/ft² (load), 1/ft (SAV), ft (depth) and Btu/lb (heat).
+# Factors that convert the units of an .fmd file to lb/ft² (load), 1/ft (SAV), ft (depth) and Btu/lb
+# (heat).
 FMD_UNITS = {
     "ENGLISH": (LB_FT2_PER_TON_ACRE, 1.0, 1.0, 1.0),
     "METRIC": (LB_FT2_PER_TONNE_HA, CM_PER_FT, 1.0 / CM_PER_FT, 1.0 / J_KG_PER_BTU_LB),
@@ -31,7 +32,7 @@ MAX_PCT = 400.0
 
 
 def read_fuels(path: Path) -> dict[int, FuelModel]:
-    """Read custom fuel models from a .fmd file.
+    """Read custom fuel models from an .fmd file.
 
     The first line of the file may be ENGLISH (default; tons/acre, 1/ft, ft, Btu/lb) or METRIC
     (tonnes/ha, 1/cm, cm, J/kg). A line of 13 numbers, as in older files, is a static model.
@@ -40,7 +41,7 @@ def read_fuels(path: Path) -> dict[int, FuelModel]:
         path: The file.
 
     Returns:
-        The model of each code.
+        The fuel model of each code.
 
     Raises:
         FireModelError: The file cannot be used; the message names file, line, field and value.
@@ -123,11 +124,11 @@ def _plausible_heats(heats: list[float]) -> bool:
 
 
 def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, FuelModel]:
-    """Return the fuel models in an .adj file, with their factors of the spread rate.
+    """Return the fuel models in an .adj file, with their spread rate factors.
 
-    A line of the file has a fuel code and a factor. ``fuels`` are all burnable fuel models. Raises
-    FireModelError for an unknown code, a code that is in the file twice, a factor that is not from
-    0 to 100, or a file without factors; the message names file and line.
+    Each line of the file contains a fuel code and a factor. ``fuels`` are all burnable fuel models.
+    Raises FireModelError for an unknown code, a code that occurs twice in the file, a factor that
+    is not from 0 to 100, or a file without factors; the message names file and line.
     """
     found: dict[int, FuelModel] = {}
     codes: set[int] = set()
@@ -179,7 +180,7 @@ def moistures_in(path: Path, rows: Iterator[tuple[int, list[str]]]) -> dict[int,
 
 
 def rows_of(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number and the fields of each line of a text file; ``#`` begins a comment.
+    """Yield the number and the fields of each line of a text file; ``#`` starts a comment.
 
     Fields are separated by spaces, tabs or commas. Raises FireModelError for an unreadable file.
     """
@@ -202,7 +203,7 @@ def text_of(path: Path) -> str:
 def number(where: str, name: str, text: str, least: float, most: float) -> float:
     """Return the number in a field.
 
-    Raises FireModelError for other text and for a number beyond the limits.
+    Raises FireModelError for other text and for a number outside the limits.
     """
     try:
         value = float(text)

@@ -1,7 +1,8 @@
-"""Read the inputs files of FARSITE and FlamMap: fuel moistures, weather and wind.
+"""Read FARSITE and FlamMap inputs files: fuel moistures, weather and wind.
 
-An inputs file has lines ``KEY: value``. The value of some keys is the number of rows of numbers
-that follow. ``USED`` lists the keys that affect a run; ``Inputs.ignored`` returns all others.
+An inputs file has lines of the form ``KEY: value``. The value of some keys is the number of rows of
+numbers that follow. ``USED`` lists the keys that affect a run; ``Inputs.ignored`` returns all
+others.
 """
 
 import re
@@ -14,14 +15,14 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.readers.fuel_files import moistures_in, rows_of, text_of
 from firemodel.physics.rothermel import Moisture
 
-NumberedRows = list[tuple[int, list[str]]]  # number of the line, and its fields
+NumberedRows = list[tuple[int, list[str]]]  # line number, and the line's fields
 
 KEY = re.compile(r"\s*([A-Z][A-Z0-9_]*)\s*:\s*(.*)")
 HEADER = re.compile(r"\s*[a-z]*[\s-]*inputs[\s-]*file", re.IGNORECASE)
 START, END = "FARSITE_START_TIME", "FARSITE_END_TIME"
 MOISTURES = "FUEL_MOISTURES_DATA"
 RAWS, WTR, WND = "RAWS", "WEATHER_DATA", "WIND_DATA"
-# Keys whose value is the name of a file, and the key of the rows that this file contains.
+# Keys whose value is a file name, and the key of the rows that this file contains.
 FILES = {
     "RAWS_FILE": RAWS,
     "WEATHER_FILE": WTR,
@@ -43,14 +44,14 @@ INSTEAD = {
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """The content of an inputs file: the value and the rows of each key."""
+    """The contents of an inputs file: the value and the rows of each key."""
 
     path: Path
-    values: dict[str, tuple[int, str]]  # number of the line, and the text
+    values: dict[str, tuple[int, str]]  # line number, and the text
     rows: dict[str, NumberedRows]
 
     def ignored(self) -> list[str]:
-        """Return the keys that a run ignores, in the order of the file; some with a remedy."""
+        """Return the keys that a run ignores, in file order, some with a remedy."""
         return [
             f"{key} ({INSTEAD[key]})" if key in INSTEAD else key
             for key in self.values
@@ -63,7 +64,7 @@ class Inputs:
         return moistures_in(path, iter(rows))
 
     def units(self, key: str) -> str:
-        """Return the units of the rows of a key: ENGLISH (default, as in FARSITE) or METRIC.
+        """Return the units of a key's rows: ENGLISH (default, as in FARSITE) or METRIC.
 
         Raises FireModelError for another word.
         """
@@ -75,11 +76,11 @@ class Inputs:
         return text.upper()
 
     def has(self, key: str) -> bool:
-        """Return True if the file has the rows of a key or names a file with these rows."""
+        """Return True if the file has a key's rows or names a file with these rows."""
         return key in self.rows or any(FILES.get(name) == key for name in self.values)
 
     def table(self, key: str) -> tuple[Path, NumberedRows]:
-        """Return the rows of a key and the file that they are in.
+        """Return a key's rows and the file that contains them.
 
         Raises FireModelError if there are no rows, or if the file with the rows is missing.
         """
@@ -92,7 +93,7 @@ class Inputs:
         raise FireModelError(f"{self.path}: has no {key}; add this key with its rows")
 
     def file_of(self, key: str) -> Path | None:
-        """Return the file that has the rows of a key; None if the inputs file has the rows."""
+        """Return the file that contains a key's rows; None if the inputs file contains them."""
         if self.rows.get(key):
             return None
         found = [value for name, value in self.values.items() if FILES.get(name) == key]
@@ -101,8 +102,8 @@ class Inputs:
     def _file(self, line: int, text: str) -> Path:
         """Return a file that this inputs file names.
 
-        The file is found by its path relative to the folder of the inputs file, or by its name in
-        that folder.
+        The file is found by its path relative to the inputs file's folder, or by its name in that
+        folder.
         """
         folder, plain = self.path.parent, text.strip().strip('"').replace("\\", "/")
         for path in (folder / plain, folder / Path(plain).name):
@@ -114,7 +115,7 @@ class Inputs:
         )
 
     def time(self, key: str, year: int) -> datetime | None:
-        """Return the time ``MM DD HHMM`` of a key; None if the file does not have the key.
+        """Return a key's time ``MM DD HHMM``; None if the file does not have the key.
 
         Raises FireModelError for an invalid time.
         """
@@ -125,7 +126,7 @@ class Inputs:
 
 
 def time_of(where: str, year: int, fields: list[str]) -> datetime:
-    """Return a time without UTC offset from month, day and HHMM (0530 or 530).
+    """Return a time without a UTC offset from month, day and HHMM (0530 or 530).
 
     Raises FireModelError for an invalid time; the message begins with ``where``.
     """
@@ -140,7 +141,7 @@ def time_of(where: str, year: int, fields: list[str]) -> datetime:
 
 
 def is_inputs_file(path: Path) -> bool:
-    """Return True for a file with the suffix .input or the first line of an inputs file."""
+    """Return True for a file with the suffix .input or with an inputs file's first line."""
     if path.suffix.lower() == ".input":
         return True
     try:
@@ -161,7 +162,7 @@ def read_inputs(path: Path) -> Inputs:
 
     Raises:
         FireModelError: A line is neither a key nor a row, a key is given twice, or the number of
-            rows differs from the given number.
+            rows differs from the number stated.
     """
     values: dict[str, tuple[int, str]] = {}
     rows: dict[str, NumberedRows] = {}
@@ -204,8 +205,9 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 def read_fuel_moistures(path: Path) -> dict[int, Moisture]:
     """Read the initial moistures of fuel models from an .fms file.
 
-    A line has a fuel code and the moistures of 1-h, 10-h, 100-h, live herbaceous and live woody
-    fuel in percent; a seventh number (1000 h) is ignored. Code 0 means all fuels without a line.
+    A line contains a fuel code and the moistures of 1-h, 10-h, 100-h, live herbaceous and live
+    woody fuel in percent; a seventh number (1000 h) is ignored. Code 0 means all fuels without a
+    line.
 
     Args:
         path: The file, or a FARSITE inputs file with such lines under FUEL_MOISTURES_DATA.

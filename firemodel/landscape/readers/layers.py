@@ -1,4 +1,4 @@
-"""Find the names and units of layers in files, and check and convert the values of layers."""
+"""Find the names and units of layers in files, and check and convert the layers' values."""
 
 import re
 from collections.abc import Collection, Iterator, Mapping
@@ -51,7 +51,7 @@ USUAL_UNITS = {"elevation": "m", "aspect": "degrees"}
 # have no aspect on gentle slopes; LANDFIRE's data have no aspect below 2 degrees.
 LEVEL_TAN = 0.0875
 BARE_GROUND = 99
-# Canopy cover in the middle of FARSITE's classes 0 to 4, which end at 0, 20, 50, 80 and 100 %.
+# Canopy cover at the midpoints of FARSITE's classes 0 to 4, which end at 0, 20, 50, 80 and 100 %.
 COVER_OF_CLASS = np.array([0.0, 0.105, 0.355, 0.655, 0.905], dtype=np.float32)
 
 _WRITTEN_UNITS = {
@@ -98,7 +98,7 @@ _LANDFIRE_NAME = re.compile(rf"(?:^|_)(?:\d{{3}})?({'|'.join(_LANDFIRE)})(?:_|$)
 def layer_of(description: str) -> tuple[str, str]:
     """Return the layer and the unit that a band's description names; either may be empty.
 
-    The function recognises the names in .lcp files, those of this package, and LANDFIRE's layer
+    The function recognises the names in .lcp files, this package's names, and LANDFIRE's layer
     names (``LC20_SlpD_220``), which imply a unit.
     """
     words = description.strip().lower()
@@ -110,7 +110,7 @@ def layer_of(description: str) -> tuple[str, str]:
 
 
 def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
-    """Return the (file, band) of each layer that a band description in a file names.
+    """Return the (file, band) of each layer named by a band description in a file.
 
     Raises FireModelError if no description names a layer, or if two name the same layer.
     """
@@ -134,7 +134,7 @@ def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
 
 
 def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator[str]:
-    """Yield a problem for each unit whose layer is unknown, is missing or has no units."""
+    """Yield a problem for each unit whose layer is unknown, missing or without units."""
     for layer in units:
         if layer not in LAYERS:
             yield f"units: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
@@ -164,7 +164,7 @@ def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
 
 
 def limits(layer: str, unit: str) -> tuple[float, float]:
-    """Return the least and the greatest valid value, in the unit of the file."""
+    """Return the lowest and the highest valid value, in the file's unit."""
     if unit == "degrees":
         return (-1.0, 360.0) if layer == "aspect" else (0.0, 89.9)
     if unit == "class":
@@ -209,7 +209,7 @@ def value_problems(
     fuels: Mapping[int, FuelModel] = FUEL_MODELS,
     fuel_codes: Mapping[int, int] | None = None,
 ) -> Iterator[str]:
-    """Yield the problems of a layer's values (y, x) in the unit of the file, one line each.
+    """Yield the problems of a layer's values (y, x) in the file's unit, one line each.
 
     ``fuels`` are the fuel models that burn; ``fuel_codes`` replaces codes (``translated``).
     """

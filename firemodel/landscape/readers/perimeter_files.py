@@ -1,4 +1,4 @@
-"""Read mapped fire perimeters with their times from vector files."""
+"""Read mapped fire perimeters and their times from vector files."""
 
 from collections.abc import Iterator
 from datetime import UTC, date, datetime, time, tzinfo
@@ -28,7 +28,7 @@ SUFFIXES = (".geojson", ".json", ".shp", ".zip", ".kml", ".kmz", ".gpkg")
 KINDS = "GeoJSON, KML, KMZ, GeoPackage or Shapefile"
 AREAS = ("Polygon", "MultiPolygon")
 LEFT_OUT = "; the feature is left out"
-FIRIS_KIND, FIRIS_PERIMETER = "type", "perim"  # field with the kind of a feature, and its value
+FIRIS_KIND, FIRIS_PERIMETER = "type", "perim"  # field with a feature's kind; value for a perimeter
 
 
 class Perimeter(NamedTuple):
@@ -45,7 +45,7 @@ class Mapped(NamedTuple):
     at: datetime | date
     area: BaseGeometry
     file: Path
-    number: int  # number of the feature, from 1
+    number: int  # feature number, from 1
 
 
 def read_perimeters(
@@ -53,24 +53,24 @@ def read_perimeters(
 ) -> tuple[list[Perimeter], list[str]]:
     """Read the perimeters of a fire at several times from a file, or from the files in a folder.
 
-    The files are GeoJSON, KML, KMZ, GeoPackages or Shapefiles (zipped or not). Each feature has its
-    date and time in one of the fields of ``feature_times``. A date without a time of day counts as
+    The files are GeoJSON, KML, KMZ, GeoPackages or Shapefiles (zipped or not). Each feature's date
+    and time are in one of the fields of ``feature_times``. A date without a time of day counts as
     00:00 if the dates of all features differ. Closed lines and invalid polygons are repaired.
 
     Args:
         path: The file or the folder. Subfolders, and files of other kinds in the folder, are
             ignored.
-        landscape: The landscape. The perimeters are projected to the CRS of the landscape, and each
-            perimeter must touch the grid of the landscape.
+        landscape: The landscape. The perimeters are projected to its CRS, and each perimeter must
+            touch its grid.
         zone: The time zone of dates and of times without a UTC offset.
 
     Returns:
-        The perimeters in the order of time; features of equal time are united. In addition, a line
+        The perimeters in order of time; features with the same time are merged. In addition, a line
         of text for each feature that was left out or repaired, and for dates without a time of day.
 
     Raises:
-        FireModelError: A file cannot be read, has no CRS or no field with times; no feature can be
-            used; or features of the same date have no time of day. The message is one line.
+        FireModelError: A file cannot be read, or has no CRS or time field; no feature can be used;
+            or features of the same date have no time of day. The message is one line.
     """
     warnings: list[str] = []
     found: list[Mapped] = []
@@ -158,7 +158,7 @@ def _time(path: Path, number: int, field: str, value: Any, zone: tzinfo) -> date
 def _area(
     path: Path, number: int, shape: BaseGeometry, crs: str, landscape: Landscape
 ) -> tuple[BaseGeometry, list[str]]:
-    """Return a feature's area in the landscape's CRS, and lines of text about changes of the area.
+    """Return a feature's area in the landscape's CRS, and lines of text about changes to the area.
 
     Raises FireModelError if the feature has no area on the landscape.
     """
@@ -213,7 +213,7 @@ def _moment(at: datetime | date, zone: tzinfo) -> datetime:
 
 
 def _united(found: list[tuple[datetime, Mapped]]) -> list[Perimeter]:
-    """Return a perimeter for each time, in the order of time."""
+    """Return a perimeter for each time, in order of time."""
     by_time: dict[datetime, list[Mapped]] = {}
     for at, each in sorted(found, key=lambda pair: pair[0]):
         by_time.setdefault(at, []).append(each)

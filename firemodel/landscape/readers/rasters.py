@@ -36,7 +36,7 @@ from firemodel.landscape.readers.layers import (
 )
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 
-Source = Path | tuple[Path, int]  # a file of one band, or a file and a band number from 1
+Source = Path | tuple[Path, int]  # a file with one band, or a file and a band number from 1
 Sources = Path | Mapping[str, Source]
 
 MAX_ARRIVAL_S = 10 * 365.25 * 86400.0
@@ -71,14 +71,14 @@ def read_landscape(
             ``units`` nor the file contains the unit of a layer, elevation is in metres, aspect is
             in degrees clockwise from north, and slope and canopy are rejected.
         missing: With "refuse", cells without a value in a layer are rejected. With "unburnable",
-            these cells become bare ground (99) without slope and trees, and a missing elevation
+            these cells become bare ground (99) without slope or trees, and a missing elevation
             becomes that of the nearest cell; a slope of more than 89.9 degrees is then a missing
             value. In both cases, a cell without an aspect is level ground if its slope is at most 5
             degrees.
         crs: The CRS of files that have none.
-        nodata: A value that means no data, in addition to those that the files declare.
-        fuel_codes: Codes in the file, and the codes that replace them. Code 0 is replaced by 99
-            (bare ground) unless ``fuel_codes`` contains code 0.
+        nodata: A nodata value, in addition to those that the files declare.
+        fuel_codes: Codes in the file, mapped to the codes that replace them. Code 0 is replaced by
+            99 (bare ground) unless ``fuel_codes`` contains code 0.
         custom_fuels: Fuel models by code, in addition to or instead of the standard models.
 
     Returns:
@@ -140,14 +140,14 @@ def read_landscape(
 
 
 def _make_bare(layers: Mapping[str, NDArray[Any]], cells: Mask) -> None:
-    """Set some cells of all layers to bare ground without slope and trees."""
+    """Set some cells of all layers to bare ground without slope or trees."""
     for layer, values in layers.items():
         if layer not in ("elevation", "aspect"):
             values[cells] = BARE_GROUND if layer == "fuel" else 0
 
 
 def bands_for(files: Sources) -> dict[str, Band]:
-    """Return the band of each layer, in the order of ``LAYERS``.
+    """Return each layer's band, in the order of ``LAYERS``.
 
     Raises FireModelError if a layer is unknown or a required layer is missing.
     """
@@ -173,7 +173,7 @@ def bands_for(files: Sources) -> dict[str, Band]:
 
 
 def misfits(band: Band, grid: Grid, other: Grid, name: str) -> Iterator[str]:
-    """Yield a problem if the grid of a band differs from another file's grid."""
+    """Yield a problem if a band's grid differs from another file's grid."""
     differs = other.difference(grid)
     if differs:
         yield f"{band.path}: {differs} of {name}; bring both rasters onto one grid"
@@ -206,12 +206,12 @@ def read_arrival(
     crs: str | None = None,
     nodata: float | None = None,
 ) -> NDArray[np.float64]:
-    """Read the arrival times (y, x) of a fire in seconds; unburned cells have infinity.
+    """Read a fire's arrival times (y, x) in seconds; infinity in unburned cells.
 
     The raster must lie on the landscape's grid; cells without a value are unburned. ``unit`` is the
     unit of the raster's values; ``crs`` and ``nodata`` are as in ``read_landscape``.
 
-    Raises FireModelError, whose message names file, cell and value.
+    Raises FireModelError; the message names file, cell and value.
     """
     if unit not in SECONDS:
         raise FireModelError(f"arrival: unit {unit!r} must be one of {', '.join(SECONDS)}")

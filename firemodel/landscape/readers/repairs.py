@@ -30,7 +30,7 @@ def repaired(shape: BaseGeometry) -> BaseGeometry:
 def area_ha(shape: BaseGeometry) -> float:
     """Return the area in hectares, on the WGS84 ellipsoid, of a shape in longitude and latitude.
 
-    The areas of loops with opposite orientation have opposite signs, as in GIS.
+    The areas of loops with opposite orientation have opposite signs, as in GIS software.
     """
     found_m2, _ = WGS84.geometry_area_perimeter(shape)
     return abs(found_m2) / 1e4

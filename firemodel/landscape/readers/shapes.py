@@ -38,14 +38,14 @@ def read_shapes(
 
     Args:
         path: The file.
-        landscape: The landscape. The geometries are projected to the CRS of the landscape, and each
-            geometry must touch the grid of the landscape.
+        landscape: The landscape. The geometries are projected to its CRS, and each geometry must
+            touch its grid.
         crs: The CRS of a file that has none.
         repair: True to convert closed lines and invalid polygons to valid polygons (``repairs``).
         feature: The number of the feature to read, from 1; by default all features are read.
 
     Returns:
-        A shapely geometry for each feature, in the order of the file.
+        A shapely geometry for each feature, in file order.
 
     Raises:
         FireModelError: The CRS is missing or unknown, there are no features, or a feature is empty,
@@ -99,7 +99,7 @@ def repair_note(
 ) -> str:
     """Return a line about the repair of a feature's ``shape`` to ``found``, both in ``crs``.
 
-    The line contains both areas in hectares, if the CRS is known.
+    The line contains both areas in hectares if the CRS is known.
     """
     both = (into_crs(one, crs, "EPSG:4326") for one in (shape, found)) if crs else ()
     areas = " before, ".join(f"{area_ha(one):.2f} ha" for one in both)
@@ -120,18 +120,18 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
 def records_of(
     path: Path, data: bytes | None = None, **options: Any
 ) -> tuple[list[BaseGeometry], str | None, list[Record]]:
-    """Read the geometries, unchanged, the CRS and the attributes of all layers of a file.
+    """Read the unchanged geometries, the CRS and the attributes of all layers of a file.
 
     Layers without geometry are left out.
 
     Args:
         path: The file, or its name in messages if ``data`` is given.
-        data: A zipped Shapefile in memory, which is read without the checks of files.
+        data: A zipped Shapefile in memory, which is read without the file checks.
         options: Options of ``pyogrio.raw.read``.
 
     Returns:
         The geometries (empty for a feature without geometry), the CRS, and a record of attributes
-        for each feature. Dates and times are texts in ISO 8601.
+        for each feature. Dates and times are ISO 8601 text.
 
     Raises:
         FireModelError: The file cannot be read as shapes.
@@ -187,7 +187,7 @@ def _layers(path: Path, source: Path | bytes, **options: Any) -> list[Any]:
         GeometryError,
         LayerCRSError,
         ValueError,
-        LookupError,  # pyogrio 0.13 raises these two errors for some damaged files
+        LookupError,  # pyogrio 0.13 raises these two exceptions for some damaged files
         NameError,
     ) as error:
         raise FireModelError(f"{path}: cannot be read as shapes ({_first_line(error)})") from None
@@ -197,7 +197,7 @@ def _raw(source: Path | bytes, **options: Any) -> Any:
     """Return the result of ``pyogrio.raw.read``, also for a .dbf with invalid UTF-8.
 
     Field names in a Shapefile are truncated to ten bytes, possibly in the middle of a UTF-8
-    character. In this case the texts are read as Latin-1, in which every byte is a character.
+    character. In this case the text is read as Latin-1, in which every byte is a character.
     """
     import pyogrio
 
@@ -299,7 +299,7 @@ def place_problems(
 
 
 def box_of(landscape: Landscape) -> BaseGeometry:
-    """Return the landscape's outline in the CRS of the landscape."""
+    """Return the landscape's outline in its CRS."""
     rows, cols = landscape.shape
     west_m, north_m, cell_m = landscape.west_m, landscape.north_m, landscape.cell_size_m
     return shapely.box(west_m, north_m - rows * cell_m, west_m + cols * cell_m, north_m)

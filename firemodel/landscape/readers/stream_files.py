@@ -1,10 +1,9 @@
-"""Compute hourly records from the daily weather (.wtr) and the wind (.wnd) of FARSITE.
+"""Compute hourly records from FARSITE's daily weather (.wtr) and wind (.wnd) files.
 
-A .wtr file contains the minimum and the maximum temperature of each day with their hours, and the
-humidities at these hours. Between two such hours temperature and humidity follow a half cosine
-(Beck & Trevitt 1989, as in FARSITE). The day before the first day is assumed to be equal to the
-first day, and the day after the last day to the last day. A .wnd file contains winds; each wind is
-used until the time of the next wind.
+A .wtr file contains each day's minimum and maximum temperature with their hours, and the humidities
+at these hours. Between two such hours temperature and humidity follow a half cosine (Beck & Trevitt
+1989, as in FARSITE). The days before the first and after the last day are assumed to equal the
+first and the last day. A .wnd file contains winds; each wind is used until the time of the next.
 """
 
 import math
@@ -37,7 +36,7 @@ MAX_WIND = 360.0  # in mph or km/h; corresponds to at least 100 m/s
 
 
 class Extreme(NamedTuple):
-    """A daily extreme of the temperature, in the file's unit, and the humidity at that hour."""
+    """A daily temperature extreme in the file's unit, and the humidity at that hour."""
 
     at: datetime
     temperature: float
@@ -55,7 +54,7 @@ class Wind(NamedTuple):
 
 
 class Rain(NamedTuple):
-    """A period of rain, and its amount per hour in the unit of the records."""
+    """A period of rain, and the amount per hour in the records' unit."""
 
     begin: datetime
     end: datetime
@@ -63,7 +62,7 @@ class Rain(NamedTuple):
 
 
 def units_in(path: Path, rows: NumberedRows, default: str = "ENGLISH") -> tuple[str, NumberedRows]:
-    """Return the units in the first row of a table, and the other rows.
+    """Return the units in a table's first row, and the other rows.
 
     Raises FireModelError for a word that is not ENGLISH or METRIC.
     """
@@ -83,18 +82,18 @@ def daily_records(
     Args:
         wtr: The .wtr file and its rows.
         wnd: The .wnd file and its rows.
-        year: The year of the first row; the files do not contain the year.
+        year: The year of the first row; the files do not contain years.
         units: Two words, ENGLISH or METRIC: the units of the .wtr and of the .wnd file. A word is
             used only if the file itself has no line with units.
 
     Returns:
-        The units of both files, and a record for each full hour and for each change of the wind. A
-        record consists of the line number of its wind in the .wnd file, and a list of texts: the
-        time, then the value of each of ``COLUMNS``.
+        The units of both files, and a record for each full hour and for each wind change. A record
+        consists of the line number of its wind in the .wnd file, and a list of texts: the time,
+        then the value of each of ``COLUMNS``.
 
     Raises:
-        FireModelError: A row cannot be used, the units of the files differ, or no wind of the .wnd
-            file is on a day of the .wtr file.
+        FireModelError: A row cannot be used, the units of the files differ, or no wind in the .wnd
+            file falls on a day in the .wtr file.
     """
     unit, days = units_in(*wtr, units[0])
     wind_unit, wind_rows = units_in(*wnd, units[1])
@@ -126,7 +125,7 @@ def daily_records(
 
 
 def _times(winds: list[Wind], begin: datetime, end: datetime) -> list[datetime]:
-    """Return the full hours and the times of winds, from the first wind until ``end``."""
+    """Return the full hours and the times of the winds, from the first wind until ``end``."""
     first = max(winds[0][0], begin)
     hour = first.replace(minute=0)
     hours = [hour + number * HOUR for number in range(int((end - hour) / HOUR) + 1)]
@@ -204,7 +203,7 @@ def winds_in(path: Path, rows: NumberedRows, year: int) -> list[Wind]:
 
 
 def _between(extremes: list[Extreme], at: datetime) -> tuple[float, float]:
-    """Return temperature and humidity at a time between the first and the last extreme."""
+    """Return the temperature and humidity at a time between the first and the last extreme."""
     after = min(bisect_left(extremes, at, key=attrgetter("at")), len(extremes) - 1)
     left, right = extremes[max(after - 1, 0)], extremes[after]
     span_s = (right.at - left.at).total_seconds()

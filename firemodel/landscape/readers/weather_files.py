@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a file; its values become the field ``gives``.
+    """A column in a file; its values become the field ``gives``.
 
     The field is ``value * scale + offset``.
 
@@ -87,34 +87,34 @@ def read_weather(
     METRIC. ENGLISH means °F, inches and wind in mph 20 ft above the vegetation; METRIC means °C, mm
     and wind in km/h at 10 m.
 
-    A .wtr file has the extremes of each day, from which hourly records are computed
-    (``stream_files``); a .wnd file has the wind. An inputs file of FARSITE or FlamMap
+    A .wtr file contains the extremes of each day, from which hourly records are computed
+    (``stream_files``); a .wnd file contains the wind. An inputs file of FARSITE or FlamMap
     (``inputs_files``) contains the weather records, or names the files that contain them. The
     moistures and the start in an inputs file are used if ``fuel_moistures`` and ``start`` are not
     given.
 
-    A CSV file has one header line with the names of the columns, in any order. The column of the
-    time is ``time`` (ISO 8601), or ``at_s`` if ``start`` is not given. The name of the column of
-    the wind speed is ``wind_speed_`` (at 20 ft) or ``wind_10m_`` (at 10 m), followed by ``m_s``,
-    ``mph`` or ``kmh``. The column of the wind direction is ``wind_from_deg`` or
-    ``wind_toward_deg``, clockwise from north. The other ``COLUMNS`` are optional. The rain of a
-    record falls between the time of this record and the time of the next.
+    A CSV file has one header line with the column names, in any order. The time column is ``time``
+    (ISO 8601), or ``at_s`` if ``start`` is not given. The name of the wind speed column is
+    ``wind_speed_`` (at 20 ft) or ``wind_10m_`` (at 10 m), followed by ``m_s``, ``mph`` or ``kmh``.
+    The wind direction column is ``wind_from_deg`` or ``wind_toward_deg``, clockwise from north. The
+    other ``COLUMNS`` are optional. A record's rain falls between its time and that of the next
+    record.
 
     Args:
         path: The file.
-        start: The time of the stream's 0 s, by default the time of the first record or the start in
-            an inputs file. The start must be within the times of the file; records that end before
-            the start are ignored. The start must not have a UTC offset, unless the file is a .csv
-            file.
-        moisture: Fuel moistures (fractions) of the classes that have no column in the file.
+        start: The calendar time of the stream's 0 s, by default the time of the first record or the
+            start in an inputs file. The start must be within the file's times; records that end
+            before the start are ignored. The start must not have a UTC offset, unless the file is a
+            .csv file.
+        moisture: Fuel moistures (fractions) for the classes that have no column in the file.
         conditioned: True to compute the dead moistures from temperature, humidity and rain
-            (``physics/moisture.py``), beginning with ``moisture`` at the first record of the file.
-            These moistures are the same on the whole landscape.
-        zones: If given and ``conditioned``, the moistures of the zones of a landscape are computed
-            too, from sun, air and rain (``zone_moistures``); fires use these.
+            (``physics/moisture.py``), starting with ``moisture`` at the first record of the file.
+            These moistures are the same across the whole landscape.
+        zones: If given and ``conditioned``, the moistures of a landscape's zones are computed too,
+            from sun, air and rain (``zone_moistures``); fires use these.
         wind: The .wnd file of a .wtr file, by default the one with the same name.
-        fuel_moistures: Moistures (fractions) of single fuel codes, instead of ``moisture``; code 0
-            means all other codes (``inputs_files.read_fuel_moistures``).
+        fuel_moistures: Moistures (fractions) of individual fuel codes, instead of ``moisture``;
+            code 0 means all other codes (``inputs_files.read_fuel_moistures``).
 
     Returns:
         The weather, with the wind at 20 ft in m/s.
@@ -172,7 +172,7 @@ def _zone_moistures(
     begin: datetime | None,
     zones: "ZoneConditions",
 ) -> list[tuple[DeadMoistures, ...]]:
-    """Return the dead moistures of the zones at each record of a file."""
+    """Return the dead fuel moistures of the zones at each record of a file."""
     from firemodel.landscape.zone_moistures import AirRecords, zone_moistures
 
     assert moisture is not None  # because dead moistures are not in the file (_check_moistures)
@@ -223,7 +223,7 @@ def _check_columns(path: Path, names: Iterable[str]) -> None:
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
-    """Return one value of a column, in the unit of the field that the column gives."""
+    """Return one value of a column, in the unit of the column's field."""
     column = COLUMNS[name]
     value = _float(path, line, name, text)
     if not column.low <= value <= column.high:

@@ -1,4 +1,4 @@
-"""Read the records of weather files as texts, with the column names of the CSV format."""
+"""Read the records of weather files as text, with the column names of the CSV format."""
 
 import csv
 from collections.abc import Mapping
@@ -29,27 +29,27 @@ from firemodel.landscape.readers.stream_files import (
 )
 from firemodel.physics.rothermel import Moisture
 
-Rows = list[tuple[int, dict[str, str]]]  # line number, and the text of each named field
+Rows = list[tuple[int, dict[str, str]]]  # line number, and each named field's text
 
 YEAR = 2001  # the year of files without years, if the start is not given
 KINDS = ".raws, .wxs, .wtr, .csv or a FARSITE inputs file"
-# The column of the wind speed for each WIND_SPEED_UNITS of an inputs file.
+# The wind speed column for each WIND_SPEED_UNITS of an inputs file.
 WIND_COLUMNS = {"": "wind_speed_mph", "0": "wind_speed_mph", "1": "wind_10m_kmh"}
 
 
-# The columns of Cell2Fire's Weather.csv, which has one row per hour. The wind is at 10 m.
+# The columns of Cell2Fire's Weather.csv, which has one row per hour. Wind is at 10 m.
 CELL2FIRE = {
     "WS": "wind_10m_kmh",
     "WD": "wind_from_deg",
     "TMP": "temperature_c",
     "RH": "humidity_pct",
 }
-# Formats of the times in the column ``datetime`` of Cell2Fire's tables, in addition to ISO 8601.
+# Time formats in the ``datetime`` column of Cell2Fire's tables, in addition to ISO 8601.
 DATES = ("%m/%d/%Y %H:%M", "%d/%m/%Y %H:%M", "%m/%d/%y %H:%M", "%d/%m/%y %H:%M")
 
 
 class Records(NamedTuple):
-    """The content of a weather file, with at least one record."""
+    """The contents of a weather file, with at least one record."""
 
     rows: Rows
     start: datetime | None
@@ -59,7 +59,7 @@ class Records(NamedTuple):
 def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records:
     """Return the records of a weather file, which is recognised by its suffix or its first line.
 
-    ``wind`` is the .wnd file of a .wtr file. The times in files without a year get the year of
+    ``wind`` is the .wnd file of a .wtr file. Times in files without a year are given the year of
     ``start``. If ``start`` is None, the start in an inputs file is returned. Raises FireModelError
     if the file cannot be used or has no records.
     """
@@ -167,7 +167,7 @@ def _raws_rows(path: Path) -> Rows:
     """Return the records with the column names of the CSV format.
 
     The count in the ``RAWS:`` line is often 1. A larger count than the number of records means that
-    the file is not complete.
+    the file is incomplete.
     """
     if path.suffix.lower() not in (".raws", ".wxs"):
         raise FireModelError(f"{path}: is not a known kind of weather file; give {KINDS}")
@@ -206,13 +206,13 @@ def _raws_rows(path: Path) -> Rows:
 
 
 def _cell2fire(names: list[str]) -> dict[str, str]:
-    """Return the columns to read of a Cell2Fire weather table; empty for other tables."""
+    """Return the columns to read from a Cell2Fire weather table; empty for other tables."""
     known = {name: CELL2FIRE[name.upper()] for name in names if name.upper() in CELL2FIRE}
     return known if {"WS", "WD"} <= {name.upper() for name in names} else {}
 
 
 def _check_order(path: Path, rows: Rows) -> None:
-    """Raise FireModelError if a value in the column datetime is not a time, or the times decrease.
+    """Raise FireModelError if a value in the datetime column is not a time, or the times decrease.
 
     Some files contain only the date, so that consecutive times may be equal.
     """

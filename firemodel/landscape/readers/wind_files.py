@@ -1,15 +1,15 @@
-"""Read grids of wind from WindNinja, FARSITE (.atm), GeoTIFF, NetCDF or GRIB.
+"""Read wind grids from WindNinja, FARSITE (.atm), GeoTIFF, NetCDF or GRIB files.
 
-The speed and direction grids of WindNinja (``NAME_vel`` and ``NAME_ang``, .asc or .tif) contain the
-direction from which the wind blows, clockwise from the north of their own grid: WindNinja converts
-between this direction and that from true north by the convergence of its elevation file
+WindNinja's speed and direction grids (``NAME_vel`` and ``NAME_ang``, .asc or .tif) give the
+direction from which the wind blows, clockwise from their own grid north: WindNinja converts between
+this direction and that from true north using the convergence of its elevation file
 (``COORD_TRANSFORM_ANGLES`` in its ``ninja.cpp``).
 
 An .atm file begins with ``WINDS`` or ``WINDS_AND_CLOUDS``. The next line may contain ENGLISH (mph
-at 20 ft, the default) or METRIC (km/h at 10 m). Each other line has month, day, HHMM, and the names
-of the speed and the direction grid, relative to the folder of the .atm file; cloud grids are not
-used. The files contain no year (FARSITE's reference guide, "Gridded Weather File"; WindNinja's
-``farsiteAtm.cpp``).
+at 20 ft, the default) or METRIC (km/h at 10 m). Each remaining line contains month, day, HHMM, and
+the names of the speed and the direction grid, relative to the folder of the .atm file; cloud grids
+are not used. The files contain no year (FARSITE's reference guide, "Gridded Weather File";
+WindNinja's ``farsiteAtm.cpp``).
 """
 
 import math
@@ -54,16 +54,16 @@ class WindPair(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WindFiles:
-    """Files of wind, and what the files do not state themselves.
+    """Wind files, and what the files do not state themselves.
 
     Attributes:
-        path: A file of all grids: .atm, GeoTIFF, NetCDF or GRIB.
+        path: A file with all grids: .atm, GeoTIFF, NetCDF or GRIB.
         pairs: Instead of ``path``, for each time the speed file, the direction file and the time.
-        at_s: The times of the grids in ``path``, in the order of the file, if it has no times.
+        at_s: The times of the grids in ``path``, in file order, if the file has no times.
         unit: The unit of speeds and components; an .atm file or a file with units needs none.
         height: The height above the vegetation, 20 ft or 10 m; .atm and GRIB files need none.
-        north: Whether directions and components are relative to the north of the grid or to true
-            north. By default that of the grid, or as in the ``standard_name`` of a NetCDF file.
+        north: Whether directions and components are relative to grid north or to true north. By
+            default grid north, or as in the ``standard_name`` of a NetCDF file.
         crs: The CRS of files without one.
     """
 
@@ -82,21 +82,21 @@ def read_wind(
     starts: Sequence[datetime] = (),
     until_s: float = math.inf,
 ) -> WindStack:
-    """Read grids of wind and resample them to a landscape.
+    """Read wind grids and resample them to a landscape.
 
-    The components are interpolated bilinearly and turned to the north of the landscape's grid. A
-    grid may end at most one of its cells before the edge of the landscape.
+    The components are interpolated bilinearly and rotated to the landscape's grid north. A grid may
+    end at most one of its cells short of the landscape's edge.
 
     Args:
         files: The files.
         landscape: The landscape; the wind is resampled to its grid.
         starts: Calendar times of 0 s. If the times in the files have a UTC offset, the first start
-            with an offset is used, else the first without. Without starts, the first grid is at
-            0 s.
-        until_s: The end of the period for which wind is needed; later grids are not read.
+            with an offset is used, otherwise the first without. Without starts, the first grid is
+            at 0 s.
+        until_s: The end of the period for which the wind is needed; later grids are not read.
 
     Returns:
-        The wind at 20 ft in m/s, from the last grid at 0 s or earlier on.
+        The wind at 20 ft in m/s, starting with the last grid at 0 s or earlier.
 
     Raises:
         FireModelError: A file cannot be used; the message names file, band or line, and value.
@@ -135,7 +135,7 @@ def is_atm(path: Path) -> bool:
 
 
 def listed_grids(path: Path) -> list[Path]:
-    """Return the files that an .atm file names; none for a file of another kind."""
+    """Return the files named in an .atm file; none for any other kind of file."""
     if not is_atm(path):
         return []
     return [each for _, *both in read_atm(path, YEAR)[0] for each in both]
@@ -153,7 +153,7 @@ def _atm(files: WindFiles, starts: Sequence[datetime]) -> tuple[list[WindPair], 
 
 
 def read_atm(path: Path, year: int) -> tuple[list[tuple[datetime, Path, Path]], Unit, Height]:
-    """Return the times and the speed and direction files in an .atm file, with unit and height.
+    """Return the times, speed and direction files listed in an .atm file, with unit and height.
 
     ``year`` is the year of the first line. Raises FireModelError for a line that cannot be used;
     the message names the line.
@@ -183,7 +183,7 @@ def read_atm(path: Path, year: int) -> tuple[list[tuple[datetime, Path, Path]], 
 
 
 def pair_of(speed: Path, direction: Path, time: Time) -> WindPair:
-    """Return the pair of two files with one band each. Raises FireModelError for other files."""
+    """Return the pair from two files with one band each. Raises FireModelError for other files."""
     found = []
     for path, kind in ((speed, "speed"), (direction, "direction")):
         layers = wind_layers(path)
@@ -199,7 +199,7 @@ def pair_of(speed: Path, direction: Path, time: Time) -> WindPair:
 
 
 def pairs_in(path: Path) -> list[WindPair]:
-    """Return the winds in one file, in order. Raises FireModelError unless all bands have pairs."""
+    """Return the winds in one file, in order. Raises FireModelError unless all bands are paired."""
     layers = wind_layers(path)
     for kinds in PAIRS:
         ones, others = ([each for each in layers if each.kind == kind] for kind in kinds)
@@ -219,7 +219,7 @@ def pairs_in(path: Path) -> list[WindPair]:
 
 
 def _timed(path: Path, pairs: list[WindPair], at_s: tuple[float, ...]) -> list[WindPair]:
-    """Return pairs with the given times, if the file has none."""
+    """Return the pairs with the given times if the file has none."""
     if not at_s:
         return pairs
     if any(pair.time is not None for pair in pairs):
@@ -232,7 +232,7 @@ def _timed(path: Path, pairs: list[WindPair], at_s: tuple[float, ...]) -> list[W
 
 
 def _seconds(pairs: Sequence[WindPair], starts: Sequence[datetime]) -> list[float]:
-    """Return the times of pairs in s. Raises FireModelError unless they increase."""
+    """Return the pairs' times in s. Raises FireModelError unless they increase."""
     if len(pairs) == 1 and pairs[0].time is None:
         return [0.0]
     start = _start_for([pair.time for pair in pairs], starts)

@@ -3,7 +3,7 @@
 The formats are ESRI ASCII grid, GeoTIFF (a file may have one or many bands), NetCDF and GRIB. A
 band of a GeoTIFF is named by its description (``NAMES``), which may be followed by a time: seconds
 after mission time 0, or ISO 8601. In NetCDF the variable's name, its ``standard_name`` (CF) and the
-time axis are used, in GRIB the element and the valid time.
+time axis are used; in GRIB, the element and the valid time.
 """
 
 import math
@@ -37,16 +37,16 @@ UNITS = {
 SECONDS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0}
 SINCE = re.compile(r"(second|minute|hour|day)s? since (.+)", re.IGNORECASE)
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-TEN_METRES = ("10-HTGL",)  # the level of GRIB's wind at 10 m
+TEN_METRES = ("10-HTGL",)  # the level of 10 m wind in GRIB
 
 
 class WindLayer(NamedTuple):
-    """The header of one band of wind."""
+    """The header of one wind band."""
 
     path: Path
-    dataset: str  # the name with which GDAL opens the file or a variable of the file
+    dataset: str  # the name under which GDAL opens the file or a variable in it
     driver: str
-    number: int  # number of the band, from 1
+    number: int  # band number, from 1
     kind: str  # key of ``NAMES``, or empty
     time: Time
     unit: str  # key of ``UNITS``, or the unknown unit in the file, or empty
@@ -58,14 +58,14 @@ class WindLayer(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name of the band in error messages."""
+        """The band's name in error messages."""
         variable = self.dataset.rpartition(":")[2] if self.driver == "netCDF" else ""
         band = "" if self.driver == "AAIGrid" else f"band {self.number}"
         return " ".join(part for part in (str(self.path), variable, band) if part)
 
 
 def wind_layers(path: Path) -> list[WindLayer]:
-    """Return the bands of a file that are wind, in the order of the file.
+    """Return the wind bands of a file, in file order.
 
     If the file has only one band, its kind may be empty. Raises FireModelError for a file that
     cannot be read, and for a time or unit in the file that cannot be used.
@@ -79,12 +79,12 @@ def wind_layers(path: Path) -> list[WindLayer]:
     named = [layer for layer in found if layer.kind]
     ten_metres = [layer for layer in named if layer.height == "10m"]
     if driver == "GRIB" and ten_metres:
-        return ten_metres  # the file may have winds of other heights, which fires do not use
+        return ten_metres  # the file may have winds at other heights, which fires do not use
     return named if len(found) > 1 else found
 
 
 def _datasets(path: Path, driver: str) -> list[str]:
-    """Return the names of the datasets in a file: of the variables, if there are several."""
+    """Return the names of the datasets in a file: those of the variables if there are several."""
     with _quietly(path, driver, str(path)) as file:
         if file.count or driver != "netCDF":
             return [str(path)]
@@ -93,7 +93,7 @@ def _datasets(path: Path, driver: str) -> list[str]:
 
 @contextmanager
 def _quietly(path: Path, driver: str, dataset: str) -> Iterator[Any]:
-    """Open a file without the warning about a missing CRS, which is an error later."""
+    """Open a file without the warning about a missing CRS, which later causes an error."""
     from rasterio.errors import NotGeoreferencedWarning
 
     with warnings.catch_warnings():
@@ -127,13 +127,13 @@ def _layers(path: Path, dataset: str, file: Any) -> Iterator[WindLayer]:
 
 
 def _implied_crs(tags: dict[str, str]) -> str | None:
-    """Return longitude and latitude for a NetCDF file with such axes and without a CRS."""
+    """Return the longitude/latitude CRS for a NetCDF file with such axes and without a CRS."""
     degrees = any(key.endswith("#units") and text == "degrees_north" for key, text in tags.items())
     return "EPSG:4326" if degrees else None
 
 
 def _names(driver: str, description: str, tags: dict[str, str]) -> list[str]:
-    """Return the texts that may name the quantity of a band."""
+    """Return the texts that may name a band's quantity."""
     if driver == "netCDF":
         return [tags.get("standard_name", ""), tags.get("NETCDF_VARNAME", "")]
     if driver == "GRIB":
@@ -142,13 +142,13 @@ def _names(driver: str, description: str, tags: dict[str, str]) -> list[str]:
 
 
 def kind_of(text: str) -> str:
-    """Return the key of ``NAMES`` that a name means, or an empty text."""
+    """Return the key of ``NAMES`` that a name denotes, or an empty string."""
     plain = text.strip().lower().replace(" ", "_")
     return next((kind for kind, names in NAMES.items() if plain in names), "")
 
 
 def unit_in(text: str) -> str:
-    """Return the key of ``UNITS`` that a text means, or else the text itself."""
+    """Return the key of ``UNITS`` that a text denotes, or else the text itself."""
     plain = text.strip().strip("[]").lower()
     return next((unit for unit, names in UNITS.items() if plain in names), plain)
 
@@ -185,7 +185,7 @@ def time_in(where: str, text: str) -> float | datetime:
 
 
 def _time_on_axis(path: Path, tags: dict[str, str]) -> Time:
-    """Return the time of a band of a NetCDF variable, from its time axis (CF)."""
+    """Return the time of a NetCDF variable's band, from the variable's time axis (CF)."""
     for key, text in tags.items():
         found = SINCE.fullmatch(tags.get(f"{key.removeprefix('NETCDF_DIM_')}#units", "").strip())
         if key.startswith("NETCDF_DIM_") and found is not None:

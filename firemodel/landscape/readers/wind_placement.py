@@ -1,4 +1,4 @@
-"""Read the two bands of a wind and resample them to the grid of a landscape."""
+"""Read the two bands of a wind and resample them to a landscape's grid."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -19,9 +19,9 @@ from firemodel.physics.weather import wind_20ft_from_10m
 
 M_S_PER_UNIT = {"m_s": 1.0, "mph": M_S_PER_MPH, "kmh": 1.0 / 3.6, "kts": 1852.0 / 3600.0}
 MAX_SPEED_M_S = 100.0
-BEYOND_CELLS = 1.0  # a grid may end this many of its cells before the edge of the landscape
-MIN_WEIGHT = 0.5  # smallest weight of cells with a value in an interpolated value
-CONTROL_POINTS = 17  # along each side of the landscape, at which the grid's north is computed
+BEYOND_CELLS = 1.0  # a grid may end this many of its cells short of the landscape's edge
+MIN_WEIGHT = 0.5  # smallest total weight of cells with a value in an interpolation
+CONTROL_POINTS = 17  # per side of the landscape, at which the grid's north is computed
 TRUE_CRS = "EPSG:4326"
 
 
@@ -43,7 +43,7 @@ class Placement(NamedTuple):
 
 
 def grid_of_wind(layer: WindLayer, crs: str | None, north: str | None) -> WindGrid:
-    """Return the grid of a band.
+    """Return a band's grid.
 
     Args:
         layer: The band.
@@ -75,7 +75,7 @@ def vectors_at(
     """Return the wind (y, x) in m/s at 20 ft: toward the landscape's north + i toward its east.
 
     Args:
-        place: The placement of the landscape in the grid of the bands.
+        place: The placement of the landscape in the bands' grid.
         one: The band of the speed, or of u (toward east).
         other: The band of the direction from which the wind blows, or of v (toward north).
         scale: The unit and the height.
@@ -105,7 +105,7 @@ def vectors_at(
 
 
 def _crs_of(layer: WindLayer, given: str | None) -> str:
-    """Return the CRS of a band, which must be north-up."""
+    """Return a band's CRS; the band must be north-up."""
     for text in (layer.crs, given):
         try:
             CRS.from_user_input(text) if text else None
@@ -131,7 +131,7 @@ def _crs_of(layer: WindLayer, given: str | None) -> str:
 
 
 def _values(layer: WindLayer) -> Floats:
-    """Return the values (y, x) of a band, with NaN in cells without a value."""
+    """Return a band's values (y, x), with NaN in cells without a value."""
     rows, cols = layer.shape
     if rows * cols > MAX_CELLS:
         raise FireModelError(f"{layer.path}: has {rows * cols:,} cells, more than {MAX_CELLS:,}")

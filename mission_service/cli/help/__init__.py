@@ -1,1 +1,1 @@
-"""Help in shells and editors: completion, manual pages, the schema of scenarios."""
+"""Help in shells and editors: completion, manual pages and the scenario schema."""

@@ -29,7 +29,7 @@ def completion(shell: str) -> None:
     fish:  ~/.config/fish/completions/mission-service.fish
     """
     made = get_completion_class(shell)
-    assert made is not None  # click has these shells
+    assert made is not None  # click supports these shells
     root = click.get_current_context().find_root().command
     click.echo(made(root, {}, PROGRAM, VARIABLE).source())
 
@@ -59,9 +59,9 @@ def config_schema() -> None:
 
 
 def _with_all_commands(command: click.Command, context: click.Context) -> click.Command:
-    """Return a command that contains all its commands, also those made from a table.
+    """Return a command with all its subcommands, including those made from a table.
 
-    The short help of each is the first sentence of its help, without the cut of click-man.
+    The short help of each is the first sentence of its help, which click-man would truncate.
     """
     short = command.get_short_help_str(limit=MAX_SHORT_HELP)
     if not isinstance(command, click.Group):

@@ -23,6 +23,6 @@ def checked(file: str, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
             from mission_service.core.core import Core
 
             Core(loaded, landscape)  # also creates the planners of other packages
-    except (FireModelError, MissionServiceError) as error:  # the text does not name the file
+    except (FireModelError, MissionServiceError) as error:  # the error text does not name the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
     return summary

@@ -1,4 +1,4 @@
-"""Defines ``mission-service incident``, which makes the scenario file of a new incident."""
+"""Defines ``mission-service incident``, which creates the scenario file for a new incident."""
 
 import os
 import sys
@@ -37,7 +37,7 @@ MOISTURES = _numbers(5, "the moistures of 1 h, 10 h, 100 h, herbs and wood in pe
 
 
 def aircraft_of(text: str) -> Any:
-    """Read an aircraft as NAME,STACK,KIND,LAT,LON."""
+    """Parse an aircraft given as NAME,STACK,KIND,LAT,LON."""
     from mission_service.cli.incident.scenario_text import NewVehicle
 
     parts = text.split(",")
@@ -156,7 +156,7 @@ def _next_command(file: Path, is_real: bool) -> str:
 
 
 def _of_file(error: Exception, made: Path, file: Path) -> Exception:
-    """Return an error with the name of the file that the user has given."""
+    """Return an error that names the file given by the user."""
     from mission_service.errors import ScenarioError
 
     if isinstance(error, ScenarioError):
@@ -165,7 +165,7 @@ def _of_file(error: Exception, made: Path, file: Path) -> Exception:
 
 
 def _incident(file: Path, given: dict[str, Any]) -> Any:
-    """Return the incident of the options, and of answers to questions for what is missing."""
+    """Return the incident from the options and, where they are missing, from the user's answers."""
     from mission_service.cli.incident.scenario_text import (
         MAX_CELLS,
         MIN_CELLS,
@@ -222,7 +222,7 @@ def _refuse_several(*options: tuple[str, object]) -> None:
 
 
 def is_terminal() -> bool:
-    """Return whether questions can be answered."""
+    """Return whether questions can be asked."""
     return sys.stdin.isatty()
 
 

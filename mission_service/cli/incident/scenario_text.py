@@ -1,4 +1,4 @@
-"""Writes the scenario file of a new incident. Pure."""
+"""Writes the scenario file for a new incident. Pure."""
 
 import json
 import math
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 CELL_M = 30.0
-MIN_CELLS, MAX_CELLS = 20, 4000  # of a landscape, along each side
+MIN_CELLS, MAX_CELLS = 20, 4000  # along each side of a landscape
 
 Box = tuple[float, float, float, float]  # west, south, east, north in degrees
 Place = tuple[float, float]  # latitude, longitude in degrees
@@ -24,10 +24,10 @@ class NewVehicle:
 
 @dataclass(frozen=True)
 class NewIncident:
-    """The inputs of a new incident. Paths are relative to the scenario file.
+    """The inputs for a new incident. Paths are relative to the scenario file.
 
     The landscape is the level ground of ``box``, ``landscape`` (one file) or ``layers``. The wind
-    is ``wind`` (speed in m/s, direction from which it blows) or in ``weather``, a file. The fire
+    is ``wind`` (speed in m/s, direction from which it blows) or in the file ``weather``. The fire
     begins at ``ignitions`` or has the outline ``perimeter``.
     """
 
@@ -37,7 +37,7 @@ class NewIncident:
     fuel_model: int
     landscape: str | None
     layers: dict[str, str]
-    units: dict[str, str]  # by the name of the raster
+    units: dict[str, str]  # by raster name
     missing: str | None  # fuel of cells without data
     wind: tuple[float, float] | None
     weather: str | None
@@ -51,9 +51,10 @@ class NewIncident:
 
 
 def grid_of(box: Box) -> tuple[int, int]:
-    """Return the rows and columns of cells of ``CELL_M`` that cover an area from its middle.
+    """Return the numbers of rows and columns that cover an area from its centre.
 
-    The rows of a landscape follow the grid of a UTM zone, which is turned from true north.
+    Cells are ``CELL_M`` wide. The rows of a landscape follow the grid of a UTM zone, which is
+    rotated relative to true north.
     """
     from firemodel.landscape.flat import flat_landscape
 

@@ -1,11 +1,11 @@
 """Clears the airspace at an operator's request: all vehicles land, or leave a volume. Pure.
 
-Vehicles land one after the other at each field (``landings.py``): first those that land already,
-then those with the least time left on task; the others hold until their turn. Vehicles leave a
-volume all at once (``airspace_guard.py``). A vehicle that cannot be commanded is reported at once,
-and no other vehicle waits for it. Such a vehicle is ordered as soon as it can be commanded again,
-until all vehicles are out or an operator cancels the request. Each order is an event ``OrderGiven``
-by that operator (``OrderByService``), so that it passes the checks of any order.
+Vehicles land one after the other at each field (``landings.py``): first those already landing, then
+those with the least time left on task; the others hold until their turn. Vehicles leave a volume
+all at once (``airspace_guard.py``). A vehicle that cannot be commanded is reported at once, and no
+other vehicle waits for it. It is ordered as soon as it can be commanded again, unless all vehicles
+are out or an operator has cancelled the request. Each order is an event ``OrderGiven`` by that
+operator (``OrderByService``), and passes the same checks as any order.
 """
 
 import math
@@ -45,8 +45,8 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 CLEARING = "clearing"  # kind of the alarm
 EVERY_S = 0.5  # interval of the checks between events that may change a phase
 AGAIN_S = 10.0  # until a vehicle that could not land is ordered to land again
-CONNECTS_S = 10.0  # time after a restart in which links may be lost
-SHOWN_CHANGE_S = 5.0  # a smaller change of the predictions is not shown
+CONNECTS_S = 10.0  # time after a restart in which a link may be down
+SHOWN_CHANGE_S = 5.0  # smaller changes in the predictions are not shown
 
 Phase = tuple[ClearingPhase, str, list[AnyCommand]]
 
@@ -67,7 +67,7 @@ class AirspaceClearing:
         self._landings = landings
         self._airspace = airspace
         self._predictions = predictions
-        self._prescribed = prescribed  # a burn's vehicles are not landed by the service
+        self._prescribed = prescribed  # the service does not land a burn's vehicles
         self._checked_at_s = -math.inf
         self._restarted_at_s = -math.inf
         self.shown: ShowClearing | None = None
@@ -75,7 +75,7 @@ class AirspaceClearing:
     # Requests ---------------------------------------------------------------------------------
 
     def refused(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        """Return the announcement that a request is refused; [] for all other requests."""
+        """Return the announcement that a request is refused; [] if it is not."""
         why = self._refusal(event)
         if not why:
             return []
@@ -107,7 +107,7 @@ class AirspaceClearing:
                 return ""
 
     def on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        """Apply a request, after the other parts of the core."""
+        """Apply a request, after the other parts of the core have applied it."""
         at_s, state = event.at_us / 1e6, self.state
         match event:
             case events.ClearingOrdered():
@@ -132,7 +132,7 @@ class AirspaceClearing:
                 return []
 
     def on_vehicle(self, event: events.VehicleEvent) -> list[AnyCommand]:
-        """Apply the event of a vehicle, after the other parts of the core."""
+        """Apply a vehicle's event, after the other parts of the core have applied it."""
         if not self.state.in_force:
             return []
         at_s = event.at_us / 1e6
@@ -206,7 +206,7 @@ class AirspaceClearing:
         return [each for each in self.state.vehicles if name in ("", each)]
 
     def _note_order(self, progress: ClearingProgress, event: events.OrderGiven) -> None:
-        """Note that an order of the clearing was given, or that an operator gave another order."""
+        """Record that the clearing gave an order, or that an operator gave another one."""
         if progress.order_under_way == event.order:
             progress.order_under_way = None
         elif event.order == "land":
@@ -218,7 +218,7 @@ class AirspaceClearing:
     # Progress ---------------------------------------------------------------------------------
 
     def _check(self, at_s: float) -> list[AnyCommand]:
-        """Update the phases, order what is due, and show changes."""
+        """Update the phases, give the orders that are due, and show changes."""
         self._checked_at_s = at_s
         state, commands = self.state, []
         for name, vehicle in self._vehicles.items():
@@ -243,7 +243,7 @@ class AirspaceClearing:
         return [*commands, *self._show()]
 
     def _landing(self, vehicle: Vehicle, progress: ClearingProgress, at_s: float) -> Phase:
-        """Return the phase of a vehicle that lands, why it is not reached, and its orders."""
+        """Return a landing vehicle's phase, why it cannot be commanded, and the orders to it."""
         if on_ground(vehicle):
             return "on the ground", "", []
         if self._prescribed:
@@ -275,7 +275,7 @@ class AirspaceClearing:
 
     @staticmethod
     def _note_command(vehicle: Vehicle, progress: ClearingProgress) -> None:
-        """Await another answer if the vehicle's turn to land has come since its last order."""
+        """Await a new answer if the vehicle's turn to land has come since its last order."""
         began_s, since_s = vehicle.landing_state.since_s, progress.ordered_at_s
         if waits_for_order(vehicle) and (since_s is None or began_s > since_s):
             progress.ordered_at_s, progress.acknowledged = began_s, False
@@ -312,12 +312,12 @@ class AirspaceClearing:
         else:  # the hold would end its failsafe or its pilot's mode
             commands = self._landings.leave_queue(vehicle)
         overdue = progress.out_by_s is not None and at_s > progress.out_by_s
-        if lost and overdue and vehicle.landing_state.active:  # it may have landed without a link
+        if lost and overdue and vehicle.landing_state.active:  # it may have landed unobserved
             commands += self._landings.end(vehicle)
         return "not reached", why, commands
 
     def _order_hold(self, vehicle: Vehicle, progress: ClearingProgress) -> list[AnyCommand]:
-        """Order a vehicle that does not land yet to hold, so that no other vehicle waits for it.
+        """Order a vehicle that is not yet landing to hold, so that no other vehicle waits for it.
 
         The hold is repeated until it is acknowledged; the vehicle then lands after the others.
         """
@@ -329,7 +329,7 @@ class AirspaceClearing:
     def _leaving(
         self, vehicle: Vehicle, progress: ClearingProgress, volume: Volume, at_s: float
     ) -> Phase:
-        """Return the phase of a vehicle that leaves a volume, which the airspace guard orders."""
+        """Return the phase of a vehicle that leaves a volume by order of the airspace guard."""
         fix, why = vehicle.availability.fix, unreachable(vehicle)
         if on_ground(vehicle) or fix is None:
             return "on the ground", "", []
@@ -429,12 +429,12 @@ class AirspaceClearing:
         return [shown]
 
     def _volume(self, name: str, at_s: float) -> Volume | None:
-        """Return the volume with a name that is closed now."""
+        """Return the volume with this name that is currently closed."""
         closed = [each for each in self._airspace.volumes if each.is_closed(at_s)]
         return next((each for each in closed if each.name == name), None)
 
 
-# Events that may change a phase; positions are checked every ``EVERY_S``.
+# Events that may change a phase; position reports cause a check every ``EVERY_S``.
 CHANGES = (
     events.VehicleConnected,
     events.LinkLost,
@@ -453,12 +453,12 @@ CHANGES = (
 
 
 def _clock(at_s: float) -> str:
-    """Return a mission time to the nearest second as h:mm:ss."""
+    """Return a mission time as h:mm:ss, to the nearest second."""
     return clock_text(round(at_s) * 1_000_000)
 
 
 def _closing(event: events.ClearingOrdered) -> events.AirspaceClosed:
-    """Return the event that closes the volume of a request."""
+    """Return the event that closes a request's volume."""
     limits = (event.floor_amsl_m, event.ceiling_amsl_m)
     user = (event.at_us, event.by, event.station)
     return events.AirspaceClosed(*user, event.volume, event.corners, *limits)
@@ -473,7 +473,7 @@ def _us(at_s: float | None) -> int | None:
 
 
 def _alike(one: ShowClearing, other: ShowClearing) -> bool:
-    """Return whether two states differ by nothing but small changes of the predictions."""
+    """Return whether two states differ at most by small changes in the predictions."""
 
     def fixed(shown: ShowClearing) -> tuple[object, ...]:
         rows = [(each.vehicle, each.phase, each.why, each.out_by_us) for each in shown.vehicles]

@@ -1,4 +1,4 @@
-"""Finds the phase of a vehicle while the airspace is cleared, from its state. Pure."""
+"""Derives a vehicle's phase from its state while the airspace is being cleared. Pure."""
 
 from mission_service.commands import ClearingPhase
 from mission_service.core.landings import LANDS_BELOW_M
@@ -8,7 +8,7 @@ from mission_service.vehicles.landing_state import LandingPhase
 from mission_service.vehicles.vehicle_state import Vehicle
 
 UNANSWERED_S = 5.0  # time after which an order without an answer is reported
-UPLOADED_S = 15.0  # time after which another vehicle lands instead; uploads repeat lost messages
+UPLOADED_S = 15.0  # after this time another vehicle lands instead; uploads repeat lost messages
 SILENT = f"it has not answered for {UNANSWERED_S:.0f} s"
 
 
@@ -38,7 +38,7 @@ def lands_by_itself(vehicle: Vehicle) -> bool:
 
 
 def landing_phase(vehicle: Vehicle, progress: ClearingProgress) -> ClearingPhase:
-    """Return the phase of a vehicle that was ordered to land."""
+    """Return the phase of a vehicle that has been ordered to land."""
     phase = vehicle.landing_state.landing_phase
     if phase is LandingPhase.WAITING:
         holds = progress.acknowledged or vehicle.availability.mode != MISSION
@@ -51,13 +51,13 @@ def landing_phase(vehicle: Vehicle, progress: ClearingProgress) -> ClearingPhase
 
 
 def _flies_home(vehicle: Vehicle) -> bool:
-    """Return whether a vehicle on its approach flies there: by a mission, or by a return."""
+    """Return whether a vehicle on its approach is flying it: by a mission or by a return."""
     is_copter = vehicle.section.kind == "copter"
     return not is_copter or vehicle.availability.mode in GOING_HOME
 
 
 def waits_for_order(vehicle: Vehicle) -> bool:
-    """Return whether a landing has been ordered that the vehicle does not fly yet."""
+    """Return whether the vehicle has been ordered to land but is not yet flying the landing."""
     phase = vehicle.landing_state.landing_phase
     if phase is LandingPhase.APPROACH:
         return not _flies_home(vehicle)
@@ -65,7 +65,7 @@ def waits_for_order(vehicle: Vehicle) -> bool:
 
 
 def longest_answer_s(vehicle: Vehicle) -> float:
-    """Return the time after which other vehicles do not wait for a vehicle without an answer."""
+    """Return the time after which other vehicles no longer wait for an unanswered order."""
     uploads = vehicle.landing_state.landing_phase is LandingPhase.SENDING
     return UPLOADED_S if uploads else UNANSWERED_S
 

@@ -1,4 +1,4 @@
-"""Predicts, while the airspace is cleared, when each vehicle is out, and states a time. Pure."""
+"""Predicts when each vehicle is out while airspace is being cleared, and states a time. Pure."""
 
 import math
 
@@ -21,7 +21,7 @@ from mission_service.vehicles.vehicle_state import Vehicle
 
 
 class ClearingPredictions:
-    """The predictions of the flights of all vehicles."""
+    """The predicted flights of all vehicles."""
 
     def __init__(
         self,
@@ -37,9 +37,9 @@ class ClearingPredictions:
         self._flights_s: dict[str, float] = {}  # durations of landings that have not begun
 
     def turn(self, vehicle: Vehicle) -> tuple[bool, float, float, str]:
-        """Return the sort key of landings: those begun come first, then the least time on task.
+        """Return the sort key of landings: those already begun, then by least time left on task.
 
-        Of vehicles without an estimate of their energy, the nearest to home lands first.
+        Of the vehicles without an energy estimate, the one nearest to home lands first.
         """
         found, fix = vehicle.energy.estimate, vehicle.availability.fix
         on_task_s = math.inf if found is None else found.time_on_task_s
@@ -47,7 +47,7 @@ class ClearingPredictions:
         return not vehicle.landing_state.active, on_task_s, away_m, vehicle.name
 
     def predict(self, state: ClearingState, volume: Volume | None, at_s: float) -> None:
-        """Update the expected times of all vehicles, and state a time for those without one."""
+        """Update all vehicles' expected times, and state a time for those that have none."""
         if volume is None:
             self._expect_landings(state, at_s)
         else:
@@ -59,7 +59,7 @@ class ClearingPredictions:
                 progress.out_by_s = out_by_s(at_s, expected_s)
 
     def _expect_landings(self, state: ClearingState, at_s: float) -> None:
-        """Predict the landings of the vehicles that are ordered to land, in their order."""
+        """Predict the landings of the vehicles that are ordered to land, in landing order."""
         under_way = ("ordered", "acknowledged", "waiting", "on its way")
         names = [name for name, each in state.vehicles.items() if each.phase in under_way]
         begun, waiting = [], []
@@ -93,12 +93,12 @@ class ClearingPredictions:
             state.vehicles[name].expected_at_s = end_s if math.isfinite(end_s) else None
 
     def _turn_now(self, name: str) -> tuple[bool, float, int, str]:
-        """Return the sort key of waiting vehicles; those without an order come last."""
+        """Return the sort key of waiting vehicles; those not yet ordered to land come last."""
         landing = self._vehicles[name].landing_state
         return not landing.active, *landing.turn(name)
 
     def _landing_s(self, vehicle: Vehicle, at_s: float) -> float:
-        """Return the seconds of a landing that begins now; infinity if it is unknown."""
+        """Return the duration (s) of a landing that begins now; infinity if it is unknown."""
         fix = vehicle.availability.fix
         if fix is None:
             return math.inf

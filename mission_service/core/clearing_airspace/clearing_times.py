@@ -1,4 +1,4 @@
-"""Predicts when vehicles have left a volume, or have landed one after the other. Pure."""
+"""Predicts when vehicles will have left a volume or landed one after the other. Pure."""
 
 import math
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from mission_service.vehicles.endurance import MIN_SPEED_M_S, home_s
 from mission_service.vehicles.vehicle_state import Vehicle
 from mission_service.vehicles.way_home import Vector, copter_home_s, plane_home_s
 
-FACTOR, MARGIN_S = 1.15, 30.0  # the stated time allows for this error of a prediction
-TAKES_EFFECT_S = 5.0  # until a vehicle flies a mission that is sent now
-# Landings of planes: sink rate on the loiter of the approach; airspeed of the glide as a fraction
-# of the airspeed, between those of the approach and of the touchdown.
+FACTOR, MARGIN_S = 1.15, 30.0  # the stated time allows for this prediction error
+TAKES_EFFECT_S = 5.0  # until a vehicle flies a mission sent now
+# Landings of planes: sink rate in the approach loiter; glide airspeed as a fraction of the
+# airspeed, between the approach and touchdown airspeeds.
 VTOL_SINK_M_S = 1.0
 PLANE_SINK_M_S, GLIDE_SPEED_FACTOR, MIN_GLIDE_M_S = 3.0, 0.85, 3.0
-# Landings of multirotors: sink rates by the defaults of both stacks.
+# Landings of multirotors: default sink rates of both stacks.
 COPTER_SINK_M_S, SLOW_BELOW_M, TOUCHDOWN_M_S = 1.5, 10.0, 0.5
 DISARMS_S = 10.0  # from touchdown to disarm
 
@@ -30,7 +30,7 @@ def out_by_s(at_s: float, expected_at_s: float) -> float:
 
 
 def to_place_s(vehicle: Vehicle, fix: PositionFix, to_m: Vector, wind_m_s: Vector) -> float:
-    """Return the seconds of a flight to a position at the vehicle's airspeed; may be infinite.
+    """Return the duration (s) of a flight to a position at the vehicle's airspeed; may be infinite.
 
     ``wind_m_s`` is the velocity of the air, x, y.
     """
@@ -51,7 +51,7 @@ def exit_s(
     area_m: shapely.Geometry,
     wind_m_s: Vector,
 ) -> float:
-    """Return the seconds until a vehicle that flies along a line has left an area."""
+    """Return the seconds until a vehicle flying along a line has left an area."""
     beyond = shapely.difference(line, area_m)
     parts = [part for part in shapely.get_parts(beyond) if not part.is_empty]
     leaves_m = parts[-1].coords[0] if parts else line.coords[-1]
@@ -67,8 +67,8 @@ def plane_landing_s(
 ) -> float:
     """Return the seconds until a plane that begins its landing mission is disarmed.
 
-    The plane flies to the loiter of the approach at ``centre_m``, circles down, and glides into the
-    wind. A VTOL flies to home at the height of the approach, and sinks vertically.
+    The plane flies to the approach loiter at ``centre_m``, circles down and glides into the wind. A
+    VTOL flies home at approach height and descends vertically.
     """
     section, availability = vehicle.section, vehicle.availability
     to_approach_s = to_place_s(vehicle, fix, centre_m, wind_m_s)
@@ -101,9 +101,9 @@ def queued(flights: Sequence[tuple[Vector, float | None, float]], at_s: float) -
 
     Args:
         flights: For each vehicle, in the order of the landings: the position of its field, the
-            predicted end of a landing that has begun (None: it waits), and the seconds of its
-            landing.
-        at_s: The present time.
+            predicted end of its landing if it has begun (None: it waits), and the duration of its
+            landing in seconds.
+        at_s: The current time.
     """
     ends_s: list[float] = []
     for number, (field_m, until_s, flight_s) in enumerate(flights):

@@ -1,15 +1,15 @@
 """Measure how participants' corrections improve a simulated fire (Beachly et al., section VII).
 
 The front error of section VII.B is computed every minute: the mean distance from the true front
-inside the unit to the closest point of the simulated front. The error of a minute uses only the
-observations made until then. Participants watch the fire in several short segments. The result has
-two means over time, both from the start of the first segment: one mean up to the end of the second
-segment, as in the paper, and one mean over all minutes.
+inside the unit to the closest point of the simulated front. The error at each minute uses only the
+observations made by then. Participants watch the fire in several short segments. The result has two
+means over time, both from the start of the first segment: one up to the end of the second segment,
+as in the paper, and one over all minutes.
 
 The error that remains after corrections hardly depends on the error of the uncorrected model. The
 relative reduction therefore grows with the error of the uncorrected model. On fires 0 to 19 with a
-smaller model error (17.8 m uncorrected, segments from minute 12 on), the reduction was 34 % by the
-paper's method and 54 % by the Gaussian process. The model error was then increased to about the
+smaller model error (17.8 m uncorrected, segments from minute 12), the reduction was 34 % with the
+paper's method and 54 % with the Gaussian process. The model error was then increased to about the
 paper's 24.8 m. Fires 100 to 119 were not used for that choice.
 """
 
@@ -37,9 +37,9 @@ from mission_service.experiments.beachly.truth import CELL_M, END_S, MINUTE_S, B
 Floats = NDArray[np.float64]
 Method = Callable[[Any, Floats], Simulation]
 
-FIRES = tuple(range(100, 120))  # seeds; constants were chosen on seeds 0 to 19 and from 1000 on
-PARTICIPANTS = 3  # participants of each fire
-MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175  # corrections of a participant in the paper
+FIRES = tuple(range(100, 120))  # seeds; constants were chosen on seeds 0 to 19 and 1000 upwards
+PARTICIPANTS = 3  # participants per fire
+MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175  # corrections per participant in the paper
 WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)), 3 * MINUTE_S)
 PAPER_LENGTH_M = 20.0  # kernel length chosen in advance, see benchmarks/beachly_lengths.py
 BEYOND_M = 150.0  # margin around the unit in which simulated fronts are included
@@ -132,7 +132,7 @@ def arrival_s(case: Case, observations: Floats, method: Method | None) -> Floats
 
 
 def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """Return the front error in metres at each time, using the observations made until then."""
+    """Return the front error in metres at each time, using the observations made by then."""
     found = np.empty(case.at_s.size)
     used, expected_s = -1, np.empty(0)
     for number, at_s in enumerate(case.at_s):

@@ -1,4 +1,4 @@
-"""Test corrections with the Maria fire (California, 2019) as the truth.
+"""Test corrections with the Maria fire (California, 2019) as ground truth.
 
 In the model, ellipses grow from all points of the first mapped perimeter. The model has one fuel
 and one constant wind, as recorded for that perimeter. Without corrections the model does not match
@@ -62,13 +62,13 @@ class Perimeter(NamedTuple):
 
 
 def folder() -> Path | None:
-    """Return the folder of the data in or above the repository, or None."""
+    """Return the data folder in or above the repository, or None."""
     found = [above / FOLDER for above in Path(__file__).parents if (above / FOLDER).is_dir()]
     return found[0] if found else None
 
 
 def read_perimeters(path: Path) -> list[Perimeter]:
-    """Return the mapped perimeters in order of time, with times in seconds after the first."""
+    """Return the mapped perimeters in time order, with times in seconds after the first."""
     import pyogrio
 
     meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
@@ -116,7 +116,7 @@ def case_of(perimeters: list[Perimeter]) -> Case:
 
 
 def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
-    """Return noisy observations (n, 4) on all perimeters except the last, in order of time.
+    """Return noisy observations (n, 4) on all perimeters except the last, in time order.
 
     An observation is 1 s later than its perimeter, so that the observation does not affect the
     error measured at that perimeter.

@@ -16,7 +16,7 @@ Box = tuple[float, float, float, float]  # west, south, east, north in metres
 
 APART_M = 1.0  # spacing of points on a front, as in the paper's grid
 FARTHEST_M = 150.0
-NEVER_S = 1e6  # time after ``at_s`` that is set for unburned cells to draw contours
+NEVER_S = 1e6  # time after ``at_s`` assigned to unburned cells for drawing contours
 
 
 class Watching(NamedTuple):
@@ -24,8 +24,8 @@ class Watching(NamedTuple):
 
     begins_s: tuple[float, ...]
     segment_s: float
-    step_s: float = 20.0  # interval of observations
-    look_s: float = 60.0  # interval of changes of the camera's view
+    step_s: float = 20.0  # interval between observations
+    look_s: float = 60.0  # interval between changes of the camera's view
     view_m: float = 120.0  # radius of the view around a point of the front
     wrong_m: float = 40.0  # maximum distance of burned and unburned observations from the front
     burning_share: float = 0.7  # fraction of observations that are marked as burning
@@ -36,7 +36,7 @@ class Watching(NamedTuple):
 def front_points(
     arrival_s: Floats, at_s: float, landscape: Landscape, apart_m: float = APART_M
 ) -> Floats:
-    """Return points (n, 2) on the fire's edge at a time, computed from arrival times (y, x)."""
+    """Return points (n, 2) on the fire's edge at a given time, from arrival times (y, x)."""
     finite_s = np.where(np.isfinite(arrival_s), arrival_s, at_s + NEVER_S)
     lines: Any = contourpy.contour_generator(z=finite_s).lines(at_s)
     found = [np.empty((0, 2))]
@@ -78,12 +78,12 @@ def random_observations(
     landscape: Landscape,
     box: Box,
 ) -> Floats:
-    """Return about ``count`` observations (n, 4) of one participant in order of time.
+    """Return about ``count`` observations (n, 4) of one participant in time order.
 
     In each segment the camera shows a part of the front. Most observations are ``burning`` and lie
     on the true front. The others are ``burned`` behind the front or ``unburned`` ahead of the
     front, at places where the uncorrected simulation is wrong. These places do not depend on the
-    method of correction, so the observations are the same for every method. All positions have the
+    correction method, so the observations are the same for every method. All positions have the
     participant's constant offset and a random error.
     """
     row, col = np.indices(arrival_s.shape)

@@ -46,7 +46,7 @@ def run_corrections(
     fires: tuple[int, ...] = FIRES,
     participants: int = PARTICIPANTS,
 ) -> list[dict[str, Any]]:
-    """Run all fires, and Maria if its data exists; if ``out`` is given, draw the figures there."""
+    """Run all fires (Maria only if its data exists); if ``out`` is given, draw figures there."""
     studies: list[Study] = []
     for number, seed in enumerate(fires, 1):
         studies += study(random_burn(seed), participants)

@@ -1,8 +1,8 @@
 """Fly the four scenarios of Beachly's section VI on a mock copter with a simulated crew.
 
-All scenarios have a burn unit of 20 acres, wind of 2 m/s towards the south and a backing fire along
-the southern edge. Scenario 1 has no other fire. In scenario 2 the backing fire has burned farther
-in the centre. In scenario 3 there is a second front, at 45 degrees to the southern edge. In
+All scenarios have a burn unit of 20 acres, a wind of 2 m/s towards the south and a backing fire
+along the southern edge. Scenario 1 has no other fire. In scenario 2 the backing fire has burned
+farther in the centre. In scenario 3 there is a second front, at 45 degrees to the southern edge. In
 scenario 4 this front is reported to the planner during the flight.
 """
 
@@ -72,7 +72,7 @@ class Flown:
 
 
 def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
-    """Return the initial fire lines in a unit with anticlockwise corners from the south-west."""
+    """Return the initial fire lines in a unit (corners anticlockwise from the south-west)."""
     (south, west), (_, east) = corners[0], corners[1]
     edge = LitLine(points=((south, west), (south, east)))
     if scenario == 2:
@@ -166,8 +166,8 @@ def fly(number: int, out: Path | None = None) -> Flown:
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
     """Return the shortest time until fire reaches the vehicle, over all samples at low height.
 
-    The time follows from the estimate of the fire at the time of the sample. On burned ground this
-    time is negative.
+    The time follows from the estimated fire at the time of the sample. On burned ground this time
+    is negative.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s
@@ -178,7 +178,7 @@ def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
 
 
 def row_of(flown: Flown) -> dict[str, Any]:
-    """Return the row of the table for a scenario."""
+    """Return a scenario's row of the table."""
     lines = flown.lit_lines
     safe_height_m = lines[0].safe_height_m if lines else 60.0
     outside = sum(not flown.area.covers(shapely.Point(sphere.falls_m)) for sphere in flown.spheres)

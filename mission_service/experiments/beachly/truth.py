@@ -1,9 +1,9 @@
 """Generate random fires, and models with wrong settings, for the study of Beachly's section VII.
 
-The truth is a fire of the cellular model, with patches of different fuels, random moistures and
-varying wind. The model to be corrected has the true ignitions, but one fuel, one wind and one
-moisture everywhere. Coordinates are in metres, in the CRS of the landscape. The unit is a square.
-Fire also burns outside the unit, but only the fire inside is evaluated.
+The truth is a fire simulated by the cellular model, with patches of different fuels, random
+moistures and varying wind. The model to be corrected has the true ignitions, but one fuel, one wind
+and one moisture everywhere. Coordinates are in metres, in the CRS of the landscape. The unit is a
+square. Fire also burns outside the unit, but only the fire inside is evaluated.
 """
 
 import math
@@ -30,7 +30,7 @@ MINUTE_S = 60.0
 END_S = 80.0 * MINUTE_S
 LIT_SPACING_M = 5.0
 FUELS = (1, 2, 3, 5, 6, 8, 9, 101, 102, 104, 121, 122, 161, 183, 186, 188)
-GUST_S = 240.0  # interval between entries of the weather
+GUST_S = 240.0  # interval between weather entries
 # Standard deviations of the errors in the model's settings (for speed and rate, of the logarithm).
 # With these values the front error without corrections is about the paper's 24.8 m.
 WRONG_SPEED, WRONG_DEG, WRONG_RATE = 0.5, 45.0, 0.7
@@ -60,7 +60,7 @@ def unit_box() -> tuple[float, float, float, float]:
 
 
 def random_burn(seed: int) -> Burn:
-    """Return the burn that belongs to a seed.
+    """Return the burn for a seed.
 
     Random fires are simulated until one is found that is small after 15 minutes and has burned most
     but not all of the unit after 80 minutes. The result is the same on every machine.
@@ -86,7 +86,7 @@ def random_burn(seed: int) -> Burn:
 
 
 def _landscape(rng: np.random.Generator, fuels: NDArray[np.int64]) -> Landscape:
-    """Return random fuels in patches of 30 to 80 m, with noise in cells, on rolling ground."""
+    """Return random fuels in patches of 30 to 80 m, with per-cell noise, on rolling ground."""
     patch_cells = rng.uniform(30.0, 80.0) / CELL_M / 2.0
     rough = gaussian_filter(rng.standard_normal((CELLS, CELLS)), patch_cells)
     rough += 0.3 * rough.std() * rng.standard_normal((CELLS, CELLS))

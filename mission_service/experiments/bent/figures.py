@@ -23,7 +23,7 @@ def draw(out: Path, runs: Sequence[Run], single: Sequence[Run], every_s: float) 
 
 
 def draw_combinations(path: Path, number: str, runs: Sequence[Run], importance: str) -> None:
-    """Draw figure 5.1 or 5.2: the mean cost of each combination over all numbers of vehicles."""
+    """Draw figure 5.1 or 5.2: the mean cost of each combination over all team sizes."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 

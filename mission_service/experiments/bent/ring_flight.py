@@ -100,12 +100,11 @@ def fly_team(
 ) -> TeamFlight:
     """Fly ``uavs`` vehicles along a growing ring whose cells have all been visited at the start.
 
-    The vehicles start at equal distances, as members 0, 1, 2 ... clockwise. ``leaving`` and
-    ``joining`` contain (time in s, member). Each change takes effect at the first step of the ring
-    at or after its time. A vehicle joins at the cell with the oldest visit. ``rule.decide``
-    receives the same ``FrontRing`` during a step and the same ``ActiveFleet`` until the team
-    changes. The rule must copy arrays that it stores, because they are modified in place. A
-    reversal takes ``turn_s``.
+    The vehicles start equally spaced, as members 0, 1, 2 ... clockwise. ``leaving`` and ``joining``
+    contain (time in s, member). Each change takes effect at the first step of the ring at or after
+    its time. A vehicle joins at the cell with the oldest visit. ``rule.decide`` receives the same
+    ``FrontRing`` during a step and the same ``ActiveFleet`` until the team changes. The rule must
+    copy arrays that it stores, because they are modified in place. A reversal takes ``turn_s``.
     """
     team = _Team(rule, speed_m_s, cell_m, turn_s)
     first = history[0]
@@ -161,12 +160,12 @@ class _Team:
         """Replace the ring."""
         self._at_s = step.at_s
         self.ring = FrontRing(step.step_m, step.spread_rate_m_s, visited_at_s)
-        # Lists are used, because access to single items of arrays is slow.
+        # Lists are used, because access to single array elements is slow.
         self._places = [(float(row), float(col)) for row, col in step.cells.tolist()]
         self._step_m: list[float] = step.step_m.tolist()
 
     def grow(self, step: RingStep) -> None:
-        """Replace the ring by the next one, whose cells inherit visits; move all goals there."""
+        """Replace the ring with the next one, whose cells inherit visits; move all goals to it."""
         self.on(step, self.ring.visited_at_s[step.came_from])
         self._fleet.cell[:] = step.place_of[self._fleet.cell]
         for vehicle in self._vehicles:

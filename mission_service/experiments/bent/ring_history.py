@@ -2,7 +2,7 @@
 
 The ring of each time step is a list of cells in clockwise order. Each cell inherits the time of the
 last visit from one cell of the previous ring. A new front cell inherits this time from the front
-cell behind the new cell, because importance measures unseen growth.
+cell behind it, because importance measures unseen growth.
 """
 
 from collections.abc import Iterator
@@ -24,8 +24,8 @@ EVERY_S = 20.0
 TANGENT_CELLS = 3
 DIRECTIONS = 72  # number of directions in which the maximum rate of spread is searched
 
-# The rate of spread in the importance of a cell: the speed of the front along its normal, or the
-# maximum over all directions, as in Bent's thesis (2.3).
+# The rate of spread used in the importance of a cell: the speed of the front along its normal, or
+# the maximum over all directions, as in Bent's thesis (2.3).
 Spread = Literal["outward", "maximum"]
 
 
@@ -36,7 +36,7 @@ class RingStep:
     at_s: float
     cells: Integers  # (n, 2) row, column; no cell twice
     step_m: Floats  # (n) distance from each cell to the next one
-    spread_rate_m_s: Floats  # (n) rate of spread in the importance of each cell
+    spread_rate_m_s: Floats  # (n) rate of spread used in the importance of each cell
     came_from: Integers  # (n) index of the cell in the previous ring whose visit is inherited
     place_of: Integers  # (m) new index of each cell of the previous ring, in order around the ring
 
@@ -101,7 +101,7 @@ def facing(cells: Integers) -> tuple[Floats, Floats]:
 
 
 def in_order(places: Integers, count: int) -> Integers:
-    """Return places on a ring of ``count`` cells, changed to be monotonic within one lap."""
+    """Return places on a ring of ``count`` cells, adjusted to be monotonic within one lap."""
     onward = (np.diff(places, append=places[:1]) + count // 2) % count - count // 2
     lifted = places[0] + np.concatenate([[0], np.cumsum(onward[:-1])])
     rising = np.minimum(np.maximum.accumulate(lifted), places[0] + count - 1)

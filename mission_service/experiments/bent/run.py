@@ -77,7 +77,7 @@ def run(
 ) -> dict[str, Any]:
     """Fly all cases and return the result; if ``out`` is given, draw figures in that folder.
 
-    ``spread`` selects the rate of spread in the importance of a cell.
+    ``spread`` selects the rate of spread used in the importance of a cell.
     """
     burn = uneven()
     history = ring_history(burn, spread=spread)

@@ -37,7 +37,7 @@ SIZES = (2, 3, 4, 5, 6)
 
 
 def uneven() -> Burn:
-    """Return a fire on brush (north) and grass (south) in wind that changes twice."""
+    """Return a fire on brush (north) and grass (south) in a wind that changes twice."""
     weather = WeatherStream(
         (wind(0.0, 4.0, 30.0), wind(2.0 * HOUR_S, 6.0, 60.0), wind(3.5 * HOUR_S, 3.0, 20.0))
     )

@@ -110,7 +110,7 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
         xlabel="time since ignition (h)",
         ylabel="maximum distance error (cells)",
         xlim=(burn.deploy_s / HOUR_S, burn.end_s / HOUR_S),
-        # The rule ``islam_hu`` may lose track of a part of the fire, with an error off the plot.
+        # The rule ``islam_hu`` may lose track of part of the fire, with an error beyond the plot.
         ylim=(0.0, 1.3 * max_error),
     )
     axes.set_title(f"{burn.name}, {burn.scheme}; thick lines: mean so far", fontsize=10)

@@ -1,4 +1,4 @@
-"""Simulate wind measurements of a small vehicle: the fire's wind at flight height, with errors."""
+"""Simulate wind measurements by a small vehicle: the fire's wind at flight height, with errors."""
 
 import math
 

@@ -38,11 +38,11 @@ def run(
 ) -> dict[str, Any]:
     """Simulate all planners on all fires, on two cores; if ``out`` is given, draw figures there.
 
-    Cells are 30 m wide. ``alpha_sweep`` has the reversals of the damped rule for several alphas.
-    ``distance_error`` also has rows without aircraft: ``persistence`` (the front remains where it
-    is at deployment) and ``model`` (the model alone, with the weather at the ignition).
-    ``attention`` has, for the damped rule with alpha 1, the reversals and the fraction of time
-    north of the ignition, before and after the fire changes.
+    Cells are 30 m wide. ``alpha_sweep`` contains the reversals of the damped rule for several
+    alphas. ``distance_error`` also contains rows without aircraft: ``persistence`` (the front
+    remains where it is at deployment) and ``model`` (the model alone, with the weather at the
+    ignition). ``attention`` contains, for the damped rule with alpha 1, the reversals and the
+    fraction of time north of the ignition, before and after the fire changes.
     """
     found: dict[str, Any] = {"alpha_sweep": [], "distance_error": [], "attention": []}
     cases = list(product(names, COMPARED))

@@ -1,4 +1,4 @@
-"""Define six fires like the paper's fires, with two spread schemes, and the paper's planners."""
+"""Define six fires like those in the paper, with two spread schemes, and the paper's planners."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -76,7 +76,7 @@ ISLAM_HU: dict[str, FireScenario] = {
 
 
 def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
-    """Return the fire of Islam & Hu, section VI, that has this name in ``ISLAM_HU``."""
+    """Return the fire of Islam & Hu, section VI, with this name in ``ISLAM_HU``."""
     scenario = ISLAM_HU[name]
     return burn(
         name,
@@ -107,9 +107,9 @@ PLANNERS: dict[str, Callable[[Burn], Planner]] = {
 
 
 def changes_s(burn: Burn) -> float:
-    """Return the time at which weather or fuel changes, or else the middle of the flight.
+    """Return the time at which weather or fuel changes, or else the midpoint of the flight.
 
-    The fuel changes when the fire arrives in the southern fuel.
+    The fuel changes when the fire reaches the southern fuel.
     """
     fuel = burn.landscape.fuel_model
     if len(burn.weather.entries) > 1:

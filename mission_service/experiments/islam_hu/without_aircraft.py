@@ -1,4 +1,4 @@
-"""Errors of the fronts that are expected without any aircraft: persistence, and the model alone."""
+"""Errors of the fronts expected without any aircraft: persistence, and the model alone."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 def front_errors(expected: Burn, fire: Burn, at_s: Floats) -> Floats:
     """Return the distance errors of an expected front: (k times, 360 bearings), in cells.
 
-    The distances are those from the ignition of ``fire`` on each bearing in whole degrees.
+    The distances are those from the ignition of ``fire`` at each bearing in whole degrees.
     """
     shapes = [TrueShape(each.arrival_s, fire.ignition) for each in (expected, fire)]
     each = [[shape.distances_at(time_s) for time_s in at_s.tolist()] for shape in shapes]

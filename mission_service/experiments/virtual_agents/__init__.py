@@ -1,1 +1,1 @@
-"""Run the experiments of the "Virtual agents" paper: fixed wings in formation around a fire."""
+"""Run the experiments of the "Virtual agents" paper: fixed-wing UAVs in formation."""

@@ -24,7 +24,7 @@ def changed_cells(
 
     ``arrival_s`` (y, x) holds the arrival times of the true fire, and infinity for cells that never
     burn. Burned cells count as burning. ``fire`` (y, x) is the map. Returns two arrays of cell
-    numbers in ascending order.
+    indices in ascending order.
     """
     cells = cells_in_view(grid, footprint)
     burns, mapped = arrival_s.ravel()[cells] <= at_s, fire.ravel()[cells]

@@ -1,4 +1,4 @@
-"""Simulate a formation in an ideal world: equations of motion and a radio, no autopilots.
+"""Simulate a formation in an ideal world, with equations of motion and a radio but no autopilots.
 
 Agents receive inputs only from their cameras and the radio. The six metrics of the paper (section
 6.2) are computed from the true fire and the true positions.
@@ -70,7 +70,7 @@ class Flight:
     series_s: Floats
     series: dict[str, Floats]
     track_s: Floats
-    uavs_m: Floats  # (times, UAVs, 2) positions from the centre of the map
+    uavs_m: Floats  # (times, UAVs, 2) positions relative to the map's centre
     agents_m: Floats
     closest_m: float
 

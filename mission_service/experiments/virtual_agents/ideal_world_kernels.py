@@ -12,7 +12,7 @@ from mission_service.guidance.formation.loiter_kernels import heading_step, want
 # other would have a conflict at every turn, and a hundred conflicts for each collision. The paper
 # reports two conflicts for each collision.
 CONFLICT_WITHIN_S = 5.0
-REPEATED_AFTER_S = 2.0  # a pair has a new conflict only after this time without a conflict
+REPEATED_AFTER_S = 2.0  # a new conflict of a pair counts only after this time without one
 
 
 @kernel

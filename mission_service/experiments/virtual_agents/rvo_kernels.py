@@ -1,8 +1,8 @@
-"""Avoid other vehicles by reciprocal velocity obstacles (5.3.3; van den Berg et al. 2008).
+"""Avoid other vehicles using reciprocal velocity obstacles (5.3.3; van den Berg et al. 2008).
 
 Consider a vehicle A with velocity v_A and another vehicle B with velocity v_B. A velocity v' is
 inside the reciprocal velocity obstacle of B for A if 2 v' - v_A is inside B's velocity obstacle,
-which means: a motion relative to B with the velocity 2 v' - v_A - v_B comes nearer to B than the
+which means that motion relative to B with the velocity 2 v' - v_A - v_B comes nearer to B than the
 combined radius. Velocities are over the ground. ``peers`` (n, COLUMNS) is the result of
 ``PeerTable.rows``.
 """
@@ -41,7 +41,7 @@ def meets_after_s(away_x_m, away_y_m, rel_x_m_s, rel_y_m_s, radius_m):  # type: 
 def first_meeting_s(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
 ):
-    """Return the time until the velocity ``new`` leads to a neighbour (RVO); infinity if never."""
+    """Return the time until a neighbour is met at the velocity ``new`` (RVO); infinity if never."""
     soonest_s = np.inf
     for row in range(peers.shape[0]):
         away_x = peers[row, X] + peers[row, VX] * peers[row, AGE_S] - x_m

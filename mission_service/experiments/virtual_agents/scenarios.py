@@ -1,4 +1,4 @@
-"""Grow the fires of the "Virtual agents" paper (table 2) by its automaton, each from one cell.
+"""Grow the fires of the "Virtual agents" paper (table 2) with its automaton, each from one cell.
 
 The paper does not describe the growth of a fire to its initial size. Here the same automaton with
 the same p_spread produces the initial fire, so that the shape is consistent. With the printed

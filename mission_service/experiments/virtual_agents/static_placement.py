@@ -1,9 +1,9 @@
 """Search offline for the best positions of n discs around a static fire.
 
 These positions are a reference for the positions of virtual agents. One disc at a time moves to the
-allowed cell with the largest increase of the covered weight, which is computed exactly from sums
-along rows. The search runs from many starts, and then from the best result with some discs moved at
-random. Finally, discs are shifted by parts of a cell.
+allowed cell with the largest increase in covered weight, which is computed exactly from sums along
+rows. The search runs from many starting placements, and then from the best result with some discs
+moved at random. Finally, discs are shifted by fractions of a cell.
 """
 
 import math
@@ -89,7 +89,7 @@ def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untype
 def settle(weights, counts, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
     """Move each disc in turn to its best cell until no move helps; return the covered weight.
 
-    ``places`` (n, 2) is changed; a disc with a negative row is not placed yet.
+    ``places`` (n, 2) is modified in place; a disc with a negative row has not yet been placed.
     """
     total = 0.0
     for i in order:
@@ -114,7 +114,7 @@ def settle(weights, counts, allowed, places, order, radius, sums):  # type: igno
 
 @kernel
 def refine(weights, counts, allowed, places, radius):  # type: ignore[no-untyped-def]
-    """Shift discs by parts of a cell as long as the covered weight grows; return this weight."""
+    """Shift discs by fractions of a cell while the covered weight increases; return this weight."""
     rows, cols = weights.shape
     total = 0.0
     for place in places:
@@ -195,7 +195,7 @@ def best_placement(
     best, best_places = -1.0, np.empty((0, 2))
     for attempt in range(starts + kicks):
         if attempt == 0:
-            places = np.full((count, 2), -1.0)  # -1: the disc is not placed yet
+            places = np.full((count, 2), -1.0)  # -1: the disc has not yet been placed
         elif attempt < starts:
             places = (cells[rng.integers(len(cells), size=count)] - corner).astype(np.float64)
         else:

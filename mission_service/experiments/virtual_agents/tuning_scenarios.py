@@ -2,7 +2,7 @@
 
 Maps have 50 x 50 and 100 x 100 cells. The paper gives no cell size. Here a cell is 50 m wide, so
 that 50 cells (2.5 km) are enough for a fire, 350 m around the fire, and the approach. Fires have
-the areas of table 2 and do not grow; agents approach from one side in a line.
+the areas in table 2 and do not grow; agents approach from one side, in line abreast.
 """
 
 import math
@@ -33,7 +33,7 @@ CELL_M = 50.0
 STEP_S = 1.0
 P_SPREAD = 0.2
 ABREAST_M = 150.0  # spacing of agents at the start
-PENALTY = 10.0  # weight of the fraction of time in which virtual agents lead UAVs over fire
+PENALTY = 10.0  # weight of the fraction of time during which virtual agents lead UAVs over fire
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
-    """Return the final coverage, and the fraction of time for which agents are too near to fire.
+    """Return the final coverage, and the fraction of time that agents are too close to fire.
 
     ``constants`` (8) are in the order of ``constants_array``.
     """

@@ -47,7 +47,7 @@ class PathProgress:
 
     @property
     def remaining_m(self) -> float:
-        """Return the length that remains to be flown."""
+        """Return the length still to be flown."""
         return self.length_m - self.progress_m
 
     @property
@@ -113,7 +113,7 @@ def _xy(points: Sequence[PathPoint | PlannedDrop], landscape: Landscape) -> Floa
 
 
 def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) -> float | None:
-    """Return the mission time at which the first leg begins that is too near to fire, or None.
+    """Return the mission time when the first leg too close to fire begins, or None.
 
     The columns of ``path`` (n, 4) are x, y, height and mission time. The check applies the rules of
     planning, except that ``HIGH_SHARE`` of the safe height counts as the safe height, because no
@@ -121,7 +121,7 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
 
     ``own_sources`` (m, 3) holds the spheres that the vehicle has dropped on this path. The plan
     ensures that the vehicle flies away from these spheres in time. Fire from such a sphere is
-    therefore too near only if the fire is within reach, or will be within a few seconds.
+    therefore too close only if it is within reach, or will be within reach in a few seconds.
     """
     safe_m = air.settings.safe_height_m
     places = [
@@ -140,9 +140,9 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
 
 
 def _own_margin_s(leg: Leg, air: FlightConstraints, own_sources: Floats) -> float:
-    """Return the smallest time margin of a leg to fire from the vehicle's own spheres.
+    """Return a leg's smallest time margin to fire from the vehicle's own spheres.
 
-    For a sphere within reach, the margin ends at the ignition of the sphere. For a sphere farther
+    For a sphere within reach, the margin ends when the sphere ignites. For a sphere farther
     away, the margin ends when the fire comes within reach.
     """
     begin, end = np.array(leg[0]), np.array(leg[1])

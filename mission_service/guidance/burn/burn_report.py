@@ -69,7 +69,7 @@ def burned_areas(
 
 
 def burn_totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
-    """Compute the totals of a burn, in metric units and in the units of fire crews."""
+    """Compute the totals of a burn, in metric units and in the units that fire crews use."""
     plans = [line.plan for line in burn.lines]
     steps = [np.diff(plan.path[:, :2], axis=0) for plan in plans]
     flown_m = float(sum(np.hypot(*step.T).sum() for step in steps))
@@ -124,7 +124,7 @@ def burn_json(burn: WholeBurn, area: BaseGeometry, times_s: Floats | None = None
 
 
 def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> None:
-    """Draw a PNG of a burn, with fire arrival times as shades and one colour for each load."""
+    """Draw a burn as a PNG, with fire arrival times as shades and one colour per load."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

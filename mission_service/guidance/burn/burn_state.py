@@ -35,7 +35,7 @@ from mission_service.vehicles.vehicle_state import Vehicle
 # Planning adds these values to the margins, because a flight deviates from its plan. The checks in
 # flight use the margins without these additions.
 SLACK_S, SLACK_M = 20.0, 3.0
-AROUND_M = 12.0  # radius around home and vehicle in which fire is also monitored
+AROUND_M = 12.0  # fire within this radius of home and of the vehicle is also monitored
 NO_FIRE_S = 86400.0  # time margin of a path that no fire approaches
 
 
@@ -68,7 +68,7 @@ class BurnState:
         """Apply a changed unit or a reported person.
 
         Raises MissionServiceError if the changed unit is invalid, or if an operator reports the
-        departure of a person who was not reported before.
+        departure of a person who had not been reported.
         """
         if isinstance(event, BurnUnitSet):
             unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
@@ -99,7 +99,7 @@ class BurnState:
         return None
 
     def calibrate_altitude(self, fix: PositionFix) -> None:
-        """Set the autopilot's altitude minus the landscape's altitude, from a fix on the ground."""
+        """Set the autopilot's altitude minus the landscape's, using a fix on the ground."""
         self._above_map_m = round(fix.altitude_m - self._ground_m(fix), 1)
 
     # Outputs ----------------------------------------------------------------------------------
@@ -125,7 +125,7 @@ class BurnState:
         return float(self.landscape.elevation_at(fix.x_m, fix.y_m))
 
     def lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return latitude and longitude of a position, rounded to 1e-7 degrees as in MAVLink."""
+        """Return the latitude and longitude of a position, rounded to 1e-7 deg as in MAVLink."""
         lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
@@ -159,7 +159,7 @@ class BurnState:
     def situation_from(
         self, place_m: PointXY, height_m: float, flown_s: float, home_m: PointXY, at_s: float
     ) -> Situation:
-        """Return the situation of a vehicle at ``place_m`` that has flown for ``flown_s``."""
+        """Return the situation for a vehicle at ``place_m`` that has flown for ``flown_s``."""
         east, north = self.wind_m_s(at_s)
         return Situation(
             unit=self.unit,
@@ -179,7 +179,7 @@ class BurnState:
         )
 
     def air(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> FlightConstraints:
-        """Return the constraints on a flight, from the current estimate of the fire."""
+        """Return the constraints on a flight, based on the current estimate of the fire."""
         if self._air is None or self._air[0] != self.fire.version:
             air = constraints_of(self.situation(vehicle, fix, at_s), self.burn)
             # Plans cover the unit only; flights are monitored from takeoff at home.

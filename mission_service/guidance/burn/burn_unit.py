@@ -23,13 +23,13 @@ from mission_service.visibility_graph import VisibilityGraph
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
 
-ARC = 16  # number of segments of a quarter circle
+ARC = 16  # number of segments in a quarter circle
 MIN_AREA_M2 = 1.0
-CLEAR_M = 0.01  # added to margins for rounding errors
+CLEAR_M = 0.01  # added to margins to allow for rounding errors
 
 
 class ExclusionCircle(NamedTuple):
-    """A circle around a person or an object, in which drops and low flight are forbidden."""
+    """A circle around a person or an object, within which drops and low flight are forbidden."""
 
     name: str
     x_m: float
@@ -72,7 +72,7 @@ class BurnUnit:
         return only_areas(area)
 
     def may_drop(self, places_m: Floats) -> NDArray[np.bool_]:
-        """Return for each position (n, 2) whether a sphere may fall there.
+        """Return, for each position (n, 2), whether a sphere may fall there.
 
         The test uses exact distances instead of polygonal buffers.
         """
@@ -93,7 +93,7 @@ class BurnUnit:
         return replace(self, people=people)
 
     def digest(self, settings: BurnSection) -> str:
-        """Return the SHA-256 (hexadecimal) of the unit's areas and people and of the settings."""
+        """Return the SHA-256 (hexadecimal) of the unit's areas, its people and the settings."""
         sha = hashlib.sha256()
         for shape in (self.area, self.no_drop, self.fence):
             sha.update(b"none" if shape is None else shapely.to_wkb(shape, byte_order=1))

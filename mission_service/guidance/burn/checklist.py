@@ -12,7 +12,7 @@ from mission_service.events import (
 
 
 class Checklist:
-    """The checklist of a burn, in which an item is open unless the last answer to it is GO.
+    """The checklist of a burn, in which an item is open unless its latest answer is GO.
 
     Answers do not expire. An abort, a restart of the service, and ``clear`` (called, for example,
     after a landing) reset every item.
@@ -24,7 +24,7 @@ class Checklist:
 
     @property
     def open_items(self) -> tuple[str, ...]:
-        """Return the items that are not GO, in the checklist's order."""
+        """Return the items that are not GO, in checklist order."""
         return tuple(
             item for item in self.items if item not in self._answers or not self._answers[item].go
         )

@@ -1,4 +1,4 @@
-"""Guides the vehicle of a burn: lines are proposed, approved and flown one by one, with drops.
+"""Guides a burn's vehicle: lines with drops are proposed, approved and flown one by one.
 
 The transitions between phases are:
 
@@ -6,8 +6,8 @@ planning --> proposed --approval--> approved --vehicle flies the mission--> flyi
 flying --end of the path--> planning; --invalid plan--> climbing --safe height--> planning
 
 In the phase "waiting" (after an abort, a rejection or manual control, and at the end) an operator
-must request the next plan. Missions contain no drops: the guidance orders each drop when the drop
-is due, if all conditions for a drop are met.
+must request the next plan. Missions contain no drops: the guidance orders each drop when it is
+due, if all conditions for a drop are met.
 """
 
 import math
@@ -83,14 +83,14 @@ Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
 CHECK_EVERY_S, CHECK_PROPOSED_EVERY_S = 1.0, 5.0
-BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # proposal to planned start
+BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # from proposal to planned start
 OFF_PATH_M = 12.0
 AT_END_M = 3.0
 WIND_COUNT = 3  # successive measurements that must differ from the planned wind
 
 
 class BurnFlight(Guidance):
-    """The guidance of the only vehicle in a burn."""
+    """The guidance of a burn's only vehicle."""
 
     def __init__(
         self,
@@ -276,7 +276,7 @@ class BurnFlight(Guidance):
         return self._why_invalid(at_s)
 
     def _flies(self, vehicle: Vehicle, flown: ApprovedPlan) -> bool:
-        """Return whether the vehicle reports that it flies the plan's mission."""
+        """Return whether the vehicle reports that it is flying the plan's mission."""
         on_board = flown.sent and vehicle.pending is None and vehicle.flown_line is not None
         return on_board and self._armed and self._mode == "mission"
 
@@ -372,7 +372,7 @@ class BurnFlight(Guidance):
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """Return the path (n, 2) of the approved plan; None once its mission is sent."""
+        """Return the path (n, 2) of the approved plan; None once its mission has been sent."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
@@ -420,7 +420,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _release(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
-        """Return a warning for each drop that is skipped now, and the command for a due drop."""
+        """Return a warning for each drop skipped now, and the command for a drop that is due."""
         commands: list[AnyCommand] = []
         for due in due_drops(self.state, flown, fix):
             why_not = due.why_not or self._why_no_drop()
@@ -484,7 +484,7 @@ class BurnFlight(Guidance):
         self.state.fire.let_go()
 
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
-        """Withdraw the plan; a vehicle in flight on the plan climbs to the safe height and holds.
+        """Withdraw the plan; a vehicle flying the plan climbs to the safe height and holds.
 
         If ``always``, an airborne vehicle climbs and holds even without a plan. The phase ``then``
         begins when the climb has ended, or at once if no climb is needed.
@@ -494,7 +494,7 @@ class BurnFlight(Guidance):
         if vehicle is None or not vehicle.availability.airborne or not (flew or always):
             self.phase = then
             if vehicle is not None and not vehicle.availability.airborne:
-                # This reset prevents a takeoff with the mission that may be on board.
+                # This reset prevents a takeoff on a mission that may still be on board.
                 vehicle.deployed = vehicle.started = False
                 vehicle.drop_upload()
                 vehicle.flown_line = vehicle.start_again_at_s = None

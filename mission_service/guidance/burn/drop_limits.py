@@ -28,7 +28,7 @@ Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
 
 
 def planned_drop(plan: IgnitionPlan, drop: Drop) -> PlannedDrop:
-    """Return the planned drop that has the number of a commanded drop."""
+    """Return the planned drop with the same number as a commanded drop."""
     return next(planned for planned in plan.drops if planned.number == drop.number)
 
 
@@ -55,7 +55,7 @@ def target_problem(burn: BurnSection, plan: IgnitionPlan, drop: Drop, fix: Telem
 def place_problem(
     planned: PlannedDrop, areas: Mapping[str, BaseGeometry], people: Mapping[str, Circle]
 ) -> str | None:
-    """Return why a planned drop is not allowed in the areas (lon, lat) or near people, or None."""
+    """Return why a drop is outside the areas (lon, lat) or too close to people, or None."""
     place = (planned.lat_deg, planned.lon_deg)
     for name, area in areas.items():
         if not shapely.contains_xy(area, place[1], place[0]):
@@ -75,7 +75,7 @@ def reach_m(burn: BurnSection, plan: IgnitionPlan) -> float:
 
 
 def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
-    """Return the ground's altitude under a plan's path at a time; None outside the path's times."""
+    """Return the ground altitude under a plan's path at a time; None outside the path's times."""
     for start, end in pairwise(plan.path):
         if start.after_s <= after_s <= end.after_s:
             share = (after_s - start.after_s) / max(end.after_s - start.after_s, 1e-9)

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.05
-SLOW_M_S = 0.5  # at a lower speed the course is undefined
+SLOW_M_S = 0.5  # below this speed the course is undefined
 NEAR_S = 1.0  # a target more than this flight time away may still be passed on another leg
 
 ReleaseDecision = Literal["release", "wait", "missed"]
@@ -40,7 +40,7 @@ def impact_point(
     """Predict the impact point of a sphere whose drop is ordered now.
 
     The sphere leaves the vehicle ``delay_s`` after the order, with the vehicle's velocity.
-    Afterwards two accelerations act on the sphere: gravity g, and a drag g (v/vt)^2 opposite to the
+    Two accelerations then act on the sphere: gravity g, and drag g (v/vt)^2 opposite to the
     sphere's velocity relative to the air. Here v is the airspeed of the sphere, and vt is its
     terminal speed. The air moves with ``wind_m_s`` (east, north). This drag law holds for spheres
     at Reynolds numbers of 1e4 to 2e5, where the drag coefficient is almost constant. If the release
@@ -124,7 +124,7 @@ def release_decision(
 
     The decision is also ``wait`` in two other cases. If the impact point is farther from the target
     than ``max_miss_m`` plus the distance flown in ``NEAR_S``, the vehicle may still pass the target
-    on another leg. A vehicle that is too slow to have a course must wait while the impact point is
+    on another leg. A vehicle too slow to have a defined course must wait while the impact point is
     farther than ``max_miss_m`` from the target.
     """
     east, north = target_m[0] - impact.x_m, target_m[1] - impact.y_m

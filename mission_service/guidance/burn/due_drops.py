@@ -32,12 +32,12 @@ class DueDrop(NamedTuple):
     why_not: str | None
 
     def sphere(self, plan_hash: str, at_us: int) -> Sphere:
-        """Return an entry of the sphere account for this drop."""
+        """Return this drop's entry for the sphere account."""
         return Sphere(plan_hash, self.number, at_us, self.target_m, self.falls_m)
 
 
 def due_drops(state: BurnState, flown: ApprovedPlan, fix: PositionFix) -> Iterator[DueDrop]:
-    """Yield each drop of a plan once, when the drop has become due, in the order of the plan."""
+    """Yield each drop of a plan once, when it becomes due, in plan order."""
     drops, until_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
     if flown.next_drop == len(drops) or until_s < drops[flown.next_drop].after_s:
         return

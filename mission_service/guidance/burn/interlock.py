@@ -63,13 +63,13 @@ from mission_service.vehicles.availability import named_mode
 
 POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
-GOING_HOME = ("return", "land")  # the bridge's names of these modes
+GOING_HOME = ("return", "land")  # the bridge's names for these modes
 AIRBORNE_M = 2.0
 
 
 @dataclass
 class _Vehicle:
-    """The state that a vehicle has reported; unknown after a restart of autopilot or service."""
+    """The state that a vehicle has reported; unknown after the autopilot or service restarts."""
 
     linked: bool = False
     armed: bool = False
@@ -91,7 +91,7 @@ class _Plan:
     attended_us: int = 0  # time of the last input that shows an approver's presence
     attended_host_us: int | None = None
     why_not: str = "it has no approval"
-    over: bool = False  # withdrawn or rejected; approved only after a new proposal
+    over: bool = False  # withdrawn or rejected; can be approved only after a new proposal
 
 
 class Interlock:
@@ -99,13 +99,13 @@ class Interlock:
 
     The interlock must receive all events and commands in order. An approval is accepted only if the
     plan was proposed, the station is in the scenario, and the GO/NO-GO checklist is complete. The
-    approval remains valid while input arrives from its operator, or from another operator with the
-    role approve, at the station of the approval. Time limits apply both to mission time and to the
-    host's clock. A NO-GO ends the approval.
+    approval remains valid as long as input arrives, at the station of the approval, from its
+    operator or from another operator with the role approve. Time limits apply both to mission time
+    and to the host's clock. A NO-GO ends the approval.
 
-    An abort, a restart of service or autopilot, a return home, and a landing also end the approval,
-    and reset every item of the GO/NO-GO checklist. Drops are then refused until all items are GO
-    and a plan is approved again. Each drop is allowed only once, whatever its outcome.
+    An abort, a restart of the service or autopilot, a return home, and a landing also end the
+    approval, and reset every item of the GO/NO-GO checklist. Drops are then refused until all items
+    are GO and a plan is approved again. Each drop is allowed only once, regardless of its outcome.
     """
 
     def __init__(self, burn: BurnSection, unit: BaseGeometry | None = None) -> None:
@@ -279,7 +279,7 @@ class Interlock:
         return tuple(item for item in self._burn.go_items if item not in self._go)
 
     def status(self) -> dict[str, Any]:
-        """Return the approved and approvable plans, the open items, and the states of vehicles."""
+        """Return the plans that are or can be approved, the open items, and the vehicle states."""
         return {
             "plans": [
                 {

@@ -39,7 +39,7 @@ class PlanApproval:
 
 
 class ApprovalTracker:
-    """The tracker of one plan at a time and of the crew's approval.
+    """The tracker of the current plan and of the crew's approval.
 
     A time limit applies both in mission time and on the host's clock; the earlier expiry counts.
     """
@@ -126,7 +126,7 @@ class ApprovalTracker:
         enter(self.phases, phase, PLAN_TRANSITIONS, "plan")
 
     def validate_state(self) -> None:
-        """Check the invariants that hold between two events, for tests; raises AssertionError."""
+        """Check the invariants that hold between events, for tests; raises AssertionError."""
         phase = self.phases[-1]
         assert (self.plan is None) == (phase is PlanPhase.NONE) == (not self.plan_hash), phase
         approval = self.approval

@@ -14,7 +14,7 @@ def in_feet(metres: float) -> int:
 
 
 def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
-    """Describe a plan for its approver, in lines with one topic each."""
+    """Describe a plan for its approver, with one topic per line."""
     skipped = f"; {len(plan.skipped)} places skipped as unsafe" if plan.skipped else ""
     altitudes_m = [point.altitude_amsl_m for point in plan.path] or [float("nan")]
     low_m, high_m, margin_m = min(altitudes_m), max(altitudes_m), plan.distance_margin_m
@@ -37,7 +37,7 @@ def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
 
 
 def describe_status(status: dict[str, Any]) -> list[str]:
-    """Describe the state of a burn in a reply of the control socket, in lines with one topic each.
+    """Describe the state of a burn for a control socket reply, with one topic per line.
 
     Raises RequestError if the run is not a burn.
     """

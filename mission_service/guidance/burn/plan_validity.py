@@ -27,9 +27,9 @@ def plan_problem(
 ) -> str:
     """Return why the rest of a plan after ``flown_s`` must not be flown; "" if the rest is valid.
 
-    The rest of the plan begins at ``situation.at_s``, in the situation's wind and unit. The
+    The rest of the plan begins at ``situation.at_s``, with the situation's wind and unit. The
     situation's fire must not contain the drops of this plan, because this function adds each drop
-    at the time of the drop.
+    at its own time.
     """
     air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s
@@ -49,7 +49,7 @@ def plan_problem(
         problem = _airspace_problem(air, rest, places[0])
         if problem:
             return f"{problem} {after_s:.0f} s after the start"
-        # Use the larger margin: of the whole leg, as in planning, or of the remaining part.
+        # Use the larger margin: that of the whole leg, as in planning, or of the remaining part.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
@@ -119,7 +119,7 @@ WindFrom = tuple[float, float]
 
 
 def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
-    """Describe how a wind differs from the planned wind; None if the difference is small."""
+    """Describe how the wind differs from the planned wind; None if the difference is small."""
     speed_m_s, from_deg = wind
     turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
     faster = abs(speed_m_s - plan.wind_speed_m_s) > burn.wind_changes_m_s
@@ -143,7 +143,7 @@ def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -
     """Return the plan with its path moved upwind by the drift of a falling sphere.
 
     The drift is computed for a fall from the drop height. Points vertically above the path's start
-    are not moved. If the moved path is invalid, for example outside the unit or too near to fire,
+    are not moved. If the moved path is invalid, for example outside the unit or too close to fire,
     the plan is returned unchanged; its spheres then miss their targets or are skipped.
     """
     speed_m_s, toward_rad, dropper = situation.wind_m_s, situation.toward_rad, burn.dropper

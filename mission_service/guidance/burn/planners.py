@@ -6,7 +6,7 @@ from mission_service.events import (
 
 
 class Undecided:
-    """A planner that makes no decisions, because the vehicle of a burn flies approved plans."""
+    """A planner that makes no decisions, because a burn's vehicle flies approved plans only."""
 
     def observe(self, observed: Observed) -> None:
         """Do nothing."""

@@ -12,7 +12,7 @@ REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05
 
 
 class SafeClimb:
-    """The orders of one climb to the safe height."""
+    """The orders for one climb to the safe height."""
 
     def __init__(self, state: BurnState) -> None:
         self._state = state
@@ -20,7 +20,7 @@ class SafeClimb:
 
     @property
     def ordered(self) -> bool:
-        """Whether the climb has been ordered."""
+        """Return whether the climb has been ordered."""
         return self._ordered_at_s > -math.inf
 
     def restart(self) -> None:
@@ -32,7 +32,7 @@ class SafeClimb:
         return self._state.height_m(fix) >= HIGH_SHARE * self._state.burn.safe_height_m
 
     def order(self, name: str, fix: PositionFix) -> list[AnyCommand]:
-        """Return the climb command if one is due, or else an empty list."""
+        """Return the climb command if one is due, otherwise an empty list."""
         if fix.at_s - self._ordered_at_s < REPEAT_CLIMB_S:
             return []
         self._ordered_at_s = fix.at_s

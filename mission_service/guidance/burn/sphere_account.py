@@ -16,7 +16,7 @@ class Sphere:
     number: int
     at_us: int
     target_m: PointXY
-    falls_m: PointXY  # impact point as predicted at the release
+    falls_m: PointXY  # impact point predicted at release
     outcome: str = "ordered"
 
     @property

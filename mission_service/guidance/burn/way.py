@@ -1,4 +1,4 @@
-"""The way of flying in a burn: a copter ignites lines that operators approve one by one."""
+"""The way of flying a burn: a copter ignites lines that operators approve one by one."""
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.stacks.stacks import stack_named

@@ -1,4 +1,4 @@
-"""Simulates a burn from start to end: the lines in order, the loads, the times, and the fire."""
+"""Simulates a burn from start to finish: the lines in order, the loads, the times and the fire."""
 
 import math
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ class Assumptions:
     pause_s: float  # time between the end of a line and the start of the next
     time_margin_s: float
     distance_margin_m: float
-    wind_m_s: float  # constant for lines and margins; the wind of the fire may change
+    wind_m_s: float  # constant for lines and margins; the fire's wind may change
     toward_rad: float
 
 
@@ -83,7 +83,7 @@ class CombinedFires:
         self.fires = tuple(fires)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return the ignition times (n,) of points (n, 2; x, y in metres); infinity for never."""
+        """Return the ignition times (n,) of points (n, 2; x, y in metres); infinity if never."""
         found: Floats = np.min([fire.ignition_time_s(points_m) for fire in self.fires], axis=0)
         return found
 

@@ -1,9 +1,9 @@
 """The agent of one UAV in the formation: the maps, the virtual agent, and the intended orbit.
 
-Each UAV has one agent. The inputs of an agent are the views of the UAV's camera and the received
-messages. ``step`` is called for each position of the UAV, and returns an ``Intention``, which is an
+Each UAV has one agent. The inputs of an agent are the views from the UAV's camera and the messages
+received. ``step`` is called for each position of the UAV, and returns an ``Intention``, which is an
 orbit and an airspeed. An ideal simulation computes the motion on this orbit. In flight, the orbit
-is sent to the autopilot as an orbit command, or as a loiter item of a mission.
+is sent to the autopilot as an orbit command, or as a loiter item in a mission.
 """
 
 import math
@@ -55,8 +55,8 @@ COOL_FOR_S = 20.0  # time at the higher altitude after heat was last detected
 class OwnState:
     """The state of the agent's own UAV.
 
-    The velocity is over the ground. The wind is the velocity of the air. Both have the components x
-    (east) and y (north).
+    The velocity is over the ground. The wind is the velocity of the air. Both have x (east) and y
+    (north) components.
     """
 
     at_us: int
@@ -75,7 +75,7 @@ class OwnState:
 class Intention:
     """The orbit and the airspeed that a UAV intends to fly.
 
-    The radius has the sign of MAVLink (negative: anticlockwise). ``climb_m`` is the height above
+    The radius is signed as in MAVLink (negative: anticlockwise). ``climb_m`` is the height above
     the normal altitude, to avoid heat or to fly in an altitude layer. ``settled`` is true if the
     UAV has been on the same orbit for ``SETTLED_FOR_S``. During a return home the virtual agent's
     position is NaN.
@@ -176,7 +176,7 @@ class Agent:
                 self.maps.set(*self.map.on_message(message))
 
     def add_view(self, burning: Cells, unburned: Cells, at_us: int) -> None:
-        """Apply a camera view, given as the numbers of the burning and of the unburned cells."""
+        """Apply a camera view, given as the indices of the burning and of the unburned cells."""
         self.maps.set(*self.map.add_view(burning, unburned, at_us))
 
     # Outputs ----------------------------------------------------------------------------------
@@ -229,7 +229,7 @@ class Agent:
         self.agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
 
     def _waits_for_team(self, at_us: int) -> bool:
-        """Return whether the agent waits for the first states of its team."""
+        """Return whether the agent is waiting for the first states from its team."""
         if self._wait_until_us is None:
             self._wait_until_us = at_us + MAX_WAIT_US
         return bool(self._awaited) and at_us < self._wait_until_us
@@ -299,7 +299,7 @@ class Agent:
         return self._layer_m if self._links.lossy else 0.0
 
     def _planned_m(self, own: OwnState) -> float:
-        """Return the altitude of the UAV when it has reached its layer."""
+        """Return the UAV's altitude once it has reached its layer."""
         return own.altitude_amsl_m + self._layer_target_m - self._layer_climb_m
 
     def _is_settled(self, own: OwnState, orbit: IntendedOrbit) -> bool:
@@ -310,7 +310,7 @@ class Agent:
         return own.at_us - self._settled_at_us >= SETTLED_FOR_S * 1e6
 
     def _queue_state(self, own: OwnState, intention: Intention) -> None:
-        """Queue the state when it is due, or at once if the orbit or the goal has changed."""
+        """Queue the state if it is due, or at once if the orbit or the goal has changed."""
         orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
         goal_m = self.agent_m and self._mover.goal_m
         goal_changed = goal_m != self._sent_goal_m

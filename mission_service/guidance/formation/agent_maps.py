@@ -1,7 +1,7 @@
 """The local maps of one UAV: fire, augmented fire, area of virtual agents (sections 3.4 and 5.1).
 
-The augmented fire ("augmentation") is the ground that is too near to fire for a virtual agent. Each
-map except the fire map counts, for each cell, the fire cells up to some distance. A cell that
+The augmented fire ("augmentation") is the ground that is too close to fire for a virtual agent.
+Each map except the fire map counts, for each cell, the fire cells within some distance. A cell that
 begins to burn adds one to all counts in a disc around the cell, and a cell that ceases to burn
 subtracts one. The updates are therefore incremental. Kernels test a cell by
 ``augmentation[row, col] > 0``.
@@ -25,11 +25,11 @@ class AgentMaps:
     """The fire map of a UAV, and the maps derived from the fire; arrays are (y, x), row 0 north.
 
     ``fire`` is true for burning and burned cells. The other maps count, for each cell, the fire
-    cells up to a distance, measured between the centres of the cells. This distance is
-    ``augmentation_m`` for ``augmentation``, ``agent_area_m`` for ``area``, and ``monitoring_m`` for
-    ``monitored``, which the rule in ``coverage`` uses. The paper's augmentation map is
-    ``augmentation > 0``, and the paper's virtual agent area is ``(area > 0) & ~fire``. ``sums``
-    (3,) holds the number of fire cells, the sum of their rows, and the sum of their columns.
+    cells within a distance, measured between cell centres. This distance is ``augmentation_m`` for
+    ``augmentation``, ``agent_area_m`` for ``area``, and ``monitoring_m`` for ``monitored``, which
+    the rule in ``coverage`` uses. The paper's augmentation map is ``augmentation > 0``, and the
+    paper's virtual agent area is ``(area > 0) & ~fire``. ``sums`` (3,) holds the number of fire
+    cells, the sum of their rows, and the sum of their columns.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class AgentMaps:
     def set(self, cells_on: Cells, cells_off: Cells) -> None:
         """Set the cells ``cells_on`` to burning, then the cells ``cells_off`` to not burning.
 
-        The number of a cell is ``row * cols + col``. Raises MissionServiceError for a cell off the
+        The index of a cell is ``row * cols + col``. Raises MissionServiceError for a cell off the
         map.
         """
         for cells, burns in ((cells_on, True), (cells_off, False)):
@@ -73,9 +73,9 @@ def disc(reach_cells: float) -> Cells:
     """Return the half widths, in columns, of a disc's 2 k + 1 rows.
 
     The rows run from k cells above the centre to k cells below. A cell belongs to the disc if its
-    centre is at most ``reach_cells`` from the centre of the middle cell.
+    centre is at most ``reach_cells`` from the centre of the central cell.
     """
-    reach2 = reach_cells * reach_cells + 1e-9  # exact for whole numbers of cells
+    reach2 = reach_cells * reach_cells + 1e-9  # exact for a whole number of cells
     k = math.isqrt(int(reach2))
     rows = np.arange(-k, k + 1)
     half_widths: Cells = np.floor(np.sqrt(reach2 - rows * rows)).astype(np.int64)
@@ -83,7 +83,7 @@ def disc(reach_cells: float) -> Cells:
 
 
 def no_counts(shape: tuple[int, int], half_widths: Cells) -> Counts:
-    """Return an array (y, x) of zeros, with a type that can count all cells of a disc."""
+    """Return an array (y, x) of zeros, of a type that can count all cells of a disc."""
     cells = int((2 * half_widths + 1).sum())
     return np.zeros(shape, dtype=np.uint16 if cells < 2**16 else np.int32)
 
@@ -100,7 +100,7 @@ def check_cells(cells: Cells, shape: tuple[int, int]) -> None:
 
 @kernel
 def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyped-def]
-    """Add to ``counts`` the discs around those unique cells that the next ``stamp`` will change.
+    """Add to ``counts`` the discs around those unique cells that the next ``stamp`` changes.
 
     If the cells cease to burn, the discs are subtracted.
     """
@@ -131,7 +131,7 @@ def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type
 def _add_disc(row, col, sign, half_widths, counts):  # type: ignore[no-untyped-def]
     """Add ``sign`` to the counts in a disc.
 
-    Unsigned indices need no test for negative values; this kernel is 6 times as fast with them.
+    Unsigned indices need no test for negative values; they make this kernel 6 times as fast.
     """
     rows, cols = counts.shape
     k = half_widths.size // 2

@@ -1,14 +1,13 @@
-"""Guides a formation by orbit commands and loiter missions around the virtual agents.
+"""Guides a formation using orbit commands and loiter missions around the virtual agents.
 
-The first mission of a vehicle leads to a loiter near the fire, where the vehicle stays if anything
-fails. During this flight the vehicle's agent takes control, and orbit commands to the autopilot
-follow the virtual agent. When the orbit has not moved for some time, a mission that ends in a
-loiter on this orbit is uploaded and started. When the virtual agent moves again, orbit commands
-resume.
+A vehicle's first mission ends in a loiter near the fire, where the vehicle stays if anything fails.
+During this flight the vehicle's agent takes control, and orbit commands to the autopilot follow the
+virtual agent. When the orbit has not moved for some time, a mission that ends in a loiter on this
+orbit is uploaded and started. When the virtual agent moves again, orbit commands resume.
 
-The mission on board is renewed at intervals, so that the mission ends in a circle near the vehicle.
-The rate of commands is limited: there is one pending command at a time, and a minimum interval for
-each kind of command.
+The mission on board is updated at intervals, so that it ends in a circle near the vehicle. The rate
+of commands is limited: there is one pending command at a time, and a minimum interval for each kind
+of command.
 """
 
 import math
@@ -82,7 +81,7 @@ RETRY_AFTER_S = 5.0
 HOME_WITHIN_M = 500.0  # within this distance of home the autopilot flies the return
 ORDER_TIMEOUT_S = 30.0
 TAKES_EFFECT_S = 15.0  # mode changes within this time are attributed to the last orbit command
-# Modes in which the stacks fly commanded orbits.
+# Modes in which the autopilot stacks fly commanded orbits.
 ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
 
 
@@ -158,7 +157,7 @@ class FormationFlight(Guidance):
         return [*commands, *self.formation.outgoing()]
 
     def _is_manual(self, vehicle: Vehicle, state: OrderState) -> bool:
-        """Return whether a vehicle is airborne, controlled by neither its agent nor its mission."""
+        """Return whether a vehicle is airborne but controlled by neither agent nor mission."""
         availability = vehicle.availability
         if not availability.airborne or availability.fix is None:
             return False
@@ -197,7 +196,7 @@ class FormationFlight(Guidance):
             self._states[vehicle.name] = OrderState(loiter=state.loiter, sending=state.sending)
             return
         if event.mode == state.mode and state.guided and event.mode != "mission":
-            return  # a repeated report after a restart of the service
+            return  # a repeated report after the service has restarted
         if event.mode != state.mode:  # both stacks reset the airspeed at a mode change
             state.mode, state.airspeed_m_s = event.mode, None
         if event.mode == "mission":
@@ -235,7 +234,7 @@ class FormationFlight(Guidance):
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
         """Return the mission to the waiting position at the end of a path.
 
-        A path with corners leads around closed airspace; the mission has its corners.
+        A path with corners avoids closed airspace; the mission contains these corners.
         """
         section, state = vehicle.section, self._states[vehicle.name]
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
@@ -320,7 +319,7 @@ class FormationFlight(Guidance):
         return [*commands, *self._renew(vehicle, state, fix)]
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return the commands by which the agent guides a vehicle home.
+        """Return the commands with which the agent guides a vehicle home.
 
         The result is None if the vehicle is near home, if the agent's time limit has passed, or if
         the agent has not taken control.

@@ -4,15 +4,15 @@ This rule replaces the paper's forces. Each cell near fire has a weight: 5 insid
 (priority 1 in the paper), and 1 within d_mon (priority 0.2). An agent covers the cells in a circle.
 The gain of an agent at a position is the total weight of the cells in the circle that no other
 agent covers. A move that increases the gain of one agent also increases the total weight covered by
-all agents; therefore the agents eventually stop. In measurements, this total was then at most 3 %
+all agents; therefore the agents eventually stop. In experiments, this total was then at most 3 %
 below the total of the best placement (``experiments/virtual_agents/static_placement.py``). With the
 paper's forces, agents stop where the forces cancel, between the fire's centre and a neighbour.
 
-An agent compares all positions of a lattice in the agent's area by the gain at the position, minus
-the cost of the path around the augmented fire to the position. An agent moves only if the gain
-increases by at least ``WORTH``, or if fire reaches the agent's position. Therefore, the agent stays
-in one position for long enough that the orbit around the agent can become a loiter item. Among
-positions without a gain, an agent prefers positions far from other agents.
+An agent compares all positions of a lattice in its area. The value of a position is the gain there,
+minus the cost of the path to it around the augmented fire. An agent moves only if the gain
+increases by at least ``WORTH``, or if fire reaches the agent's position. The agent therefore stays
+in one position long enough for the orbit around it to become a loiter item. Among positions without
+a gain, an agent prefers positions far from other agents.
 """
 
 import math
@@ -35,10 +35,10 @@ from mission_service.guidance.formation.virtual_forces_kernels import (
 
 Floats = NDArray[np.float64]
 
-# Minimum increase of the gain for a move: at first (0.5 % of the coverage of four agents), and
-# after LATER_S at a position.
+# Minimum increase in gain for a move: at first (0.5 % of the coverage of four agents), and after
+# LATER_S at a position.
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
-COST_PER_M = 0.03  # cost of a metre of path
+COST_PER_M = 0.03  # cost per metre of path
 CROWD_M = 150.0  # agents closer than this have the additional cost ``coverage_kernels.CROWD``
 LATTICE_M = 60.0
 MARGIN_M = 10.0  # a position this close to the augmented fire has a cost, since the fire grows
@@ -143,7 +143,7 @@ def velocity(
 ) -> tuple[float, float]:
     """Return the agent's velocity (east, north) in m/s for one step towards the via point.
 
-    The agent does not fly past the via point.
+    The agent does not move past the via point.
     """
     east, north = goal.via_x_m - x_m, goal.via_y_m - y_m
     distance_m = math.hypot(east, north)
@@ -154,7 +154,7 @@ def velocity(
 
 
 class AgentMover:
-    """The motion of one virtual agent, as decided by the coverage rule or by the paper's forces.
+    """The motion of one virtual agent, according to the coverage rule or the paper's forces.
 
     The coverage rule applies on the map, and the paper's forces apply outside the map. If
     ``placement`` in the settings is "forces", only the paper's forces apply.
@@ -193,7 +193,7 @@ class AgentMover:
         centre = maps.centre_row_col
         if centre is None:
             return 0.0, 0.0
-        if self._due_s is None:  # the offset lets agents decide at different times
+        if self._due_s is None:  # with this offset, agents decide at different times
             self._due_s = at_s + DECIDE_EVERY_S * self._tie_rad / (2.0 * math.pi)
         if settings.placement == "coverage" and (
             at_s >= self._due_s or (self.goal and self._is_at_via(x_m, y_m, self.goal))
@@ -215,7 +215,7 @@ class AgentMover:
         """Return x and y (n, 2) of the goals to which this agent gives way.
 
         If several agents have chosen the same position at the same time, the agent with the lowest
-        key keeps the position.
+        key keeps it.
         """
         if self.goal is None:
             return others[:, :2]

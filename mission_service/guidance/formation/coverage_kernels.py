@@ -1,11 +1,11 @@
 """Compiled parts of ``coverage``: the weight inside a circle, and paths around the fire.
 
-Lengths are in cells. A position is a row and a column, as floats, with whole numbers at the centres
-of cells. A box is (top, bottom, left, right) and excludes row ``bottom`` and column ``right``. The
-lattice has a node at each cell whose row and column are multiples of ``stride``. Node (i, j) has
-the number ``i * wide + j``.
+Lengths are in cells. A position is a row and a column, as floats; cell centres have integer values.
+A box is (top, bottom, left, right) and excludes row ``bottom`` and column ``right``. The lattice
+has a node at each cell whose row and column are multiples of ``stride``. Node (i, j) has the index
+``i * wide + j``.
 
-Indices of inner loops are unsigned, because signed indices require a test for negative values.
+Indices in inner loops are unsigned, because signed indices require a test for negative values.
 """
 
 import math
@@ -18,7 +18,7 @@ NEAR, FAR = 5, 1  # weights of cells in fifths (section 3.4)
 RINGS = 8  # radius, in strides, of the search for the first free node
 PER_CELL = 4  # samples of a straight line, per cell
 NO_PATH = math.inf
-CROSSING = 9.0  # additional length of a path for each cell inside the augmentation
+CROSSING = 9.0  # additional path length for each cell inside the augmentation
 # Maximum cost of another agent within the spacing, and additional maximum cost within CROWD_M.
 NEIGHBOUR, CROWD = 800.0, 5000.0
 TOUCHING = 50.0  # cost of a position within the margin of the augmented fire
@@ -121,7 +121,7 @@ def crowding(row, col, others_row, others_col, spacing, neighbour, crowd_at, cro
 
 @kernel
 def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
-    """Return whether a cell is on the map, at least ``margin`` cells outside the augmentation."""
+    """Return whether a cell is on the map and ``margin`` cells or more outside the augmentation."""
     rows, cols = augmentation.shape
     if not (0 <= row < rows and 0 <= col < cols) or augmentation[row, col] != 0:
         return False
@@ -165,12 +165,12 @@ def find_paths(  # type: ignore[no-untyped-def]
 ):
     """Fill ``distances`` with the length of the path from (row, col) to each node in the box.
 
-    The length is ``NO_PATH`` without a path; see ``leg`` for ``crossing``. A path begins with a
-    straight leg from (row, col) to a first node. The first nodes are the nearest nodes to which
+    The length is ``NO_PATH`` if there is no path; see ``leg`` for ``crossing``. A path begins with
+    a straight leg from (row, col) to a first node. The first nodes are the nearest nodes to which
     such a leg exists. If (row, col) is inside the augmentation, and crossings are not allowed, the
     first nodes are the nearest free nodes. ``previous`` is filled with the preceding node on the
-    path, or -1 for a first node. ``queue`` and ``queued`` are work arrays with an entry for each
-    node. Returns whether there is a first node.
+    path, or -1 for a first node. ``queue`` and ``queued`` are work arrays with one entry per node.
+    Returns whether there is a first node.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     i_top, i_end = (box[0] + stride - 1) // stride, (box[1] - 1) // stride + 1

@@ -1,16 +1,16 @@
 """Avoids collisions: each vehicle sends its intended orbit, and adopts orbits with a clear path.
 
-In the paper, vehicles avoid each other by their velocities only. Here each vehicle sends the orbit
-to which it flies (``State.orbit_*``), and flies to this orbit by eqs. 14 and 15, so that the other
-vehicles can predict its path.
+In the paper, vehicles avoid each other using only their velocities. Here each vehicle sends the
+orbit to which it flies (``State.orbit_*``), and flies to this orbit according to eqs. 14 and 15, so
+that the other vehicles can predict its path.
 
 An orbit is clear if the predicted path to the orbit and around it keeps the minimum distances from
 the predicted paths of all other vehicles. A vehicle keeps its adopted orbit until another orbit is
 clear over the whole horizon. The new orbit is the desired orbit or, if the desired orbit is not
-clear, the best of some detours, waiting circles and orbits at different airspeeds. Each adopted
+clear, the best of several detours, waiting circles and orbits at different airspeeds. Each adopted
 orbit has therefore been checked against all orbits that were adopted earlier. Conflicts could arise
 only if two vehicles adopted orbits at the same time, so nearby vehicles take turns. If no orbit is
-clear over the whole horizon, the vehicle flies the orbit that is clear for longest.
+clear over the whole horizon, the vehicle flies the orbit that is clear for the longest time.
 """
 
 from dataclasses import dataclass, replace
@@ -64,12 +64,12 @@ class AdoptedOrbit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AvoidanceRules:
-    """The distances and times by which vehicles avoid each other."""
+    """The distances and times that vehicles use to avoid each other."""
 
     airframe: Airframe
     apart_m: float  # a smaller distance is a collision: 2 r_s
     margin_m: float = 15.0  # additional distance between paths
-    margin_m_s: float = 5.0  # additional distance for each second by which a peer's state is late
+    margin_m_s: float = 5.0  # additional distance for each second that a peer's state is late
     horizon_s: float = 40.0
     every_s: float = 0.5  # time between decisions
     turn_s: float = (
@@ -103,7 +103,7 @@ def layer_m(settings: Settings) -> float:
 
 
 def layered_rules(settings: Settings) -> AvoidanceRules:
-    """Return the avoidance rules while many messages are lost: layers count as separated."""
+    """Return the avoidance rules for times of heavy message loss: layers count as separated."""
     separation_m = min(settings.vertical_separation_m, layer_m(settings) - 0.5 * LAYER_MARGIN_M)
     return replace(avoidance_rules(settings), layers_m=separation_m)
 

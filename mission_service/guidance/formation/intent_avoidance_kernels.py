@@ -1,7 +1,7 @@
 """Compiled parts of ``intent_avoidance``: predicted paths, their conflicts, and detours.
 
 A path is an array with one row (x, y) for each second from now. An orbit is an array (4) with x, y,
-signed radius and airspeed. Vehicles take turns to adopt orbits; a turn lasts for one slot.
+signed radius and airspeed. Vehicles take turns adopting orbits; a turn lasts one slot.
 """
 
 import math
@@ -29,12 +29,12 @@ STEP_S = 1.0
 REACH_M = 600.0  # maximum distance of detours from the vehicle
 NEAR_M = 200.0  # vehicles take turns if they are closer than this, or will be within NEAR_S
 NEAR_S = 5.0
-SILENT_S = 10.0  # a vehicle that has been silent for longer keeps its orbit
+SILENT_S = 10.0  # a vehicle silent for longer is assumed to keep its orbit
 FRESH_S = 1.0  # states older than this are late
 LATE_M = 45.0  # maximum additional margin for a late state
 HASTE_S = 8.0  # a path that is clear for a shorter time is changed at once, out of turn
 SMALL_M = 40.0  # minimum radius of waiting circles
-WORTH_M = 40.0  # minimum saving in cost for a change from one clear orbit to another
+WORTH_M = 40.0  # minimum cost saving for a change from one clear orbit to another
 NOTES = 6  # number of values in ``notes`` for each peer with a predicted path
 
 # Indices of ``own``, and of a row of ``notes`` (box around the path, minimum distances).
@@ -62,7 +62,7 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
 
 @kernel
 def in_another_layer(own, peer, layers_m):  # type: ignore[no-untyped-def]
-    """Return whether a peer stays in another altitude layer than this vehicle.
+    """Return whether a peer stays in a different altitude layer from this vehicle.
 
     For each vehicle, all altitudes from the current to the planned altitude count.
     """
@@ -186,7 +186,7 @@ def _may_enter(row, peers, box):  # type: ignore[no-untyped-def]
 
 @kernel
 def _add_peers(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ignore[no-untyped-def]
-    """Add the paths and notes of peers that may enter a box, but may not enter the box ``seen``.
+    """Add the paths and notes of peers that may enter a box, but not the box ``seen``.
 
     Returns the new number of paths.
     """
@@ -203,7 +203,7 @@ def _add_peers(own, peers, rule, frame, box, seen, count, paths, notes):  # type
         notes[count, WEST], notes[count, EAST], notes[count, SOUTH], notes[count, NORTH] = _box(
             paths[count], 0.0
         )
-        # A peer that is already too near must not come closer.
+        # A peer that is already too close must not come closer.
         now_m = math.hypot(paths[count, 0, 0] - own[OWN_X], paths[count, 0, 1] - own[OWN_Y])
         late_m = min(margin_m_s * max(peers[row, AGE_S] - FRESH_S, 0.0), LATE_M)
         clear_m = max(apart_m + 1.0, now_m - 2.0)
@@ -263,7 +263,7 @@ def _cost_m(orbit, desired):  # type: ignore[no-untyped-def]
 
 
 AIRSPEEDS = 5
-ROUND = 12  # number of directions of detours
+ROUND = 12  # number of detour directions
 KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
 
 
@@ -294,7 +294,7 @@ def _candidate(number, own, desired, held, frame, small_m, twist, orbit):  # typ
         return
     number -= 2 * AIRSPEEDS
     orbit[3] = slow_m_s
-    if number < 3:  # a waiting circle in the middle of the desired orbit
+    if number < 3:  # a waiting circle at the centre of the desired orbit
         orbit[2] = sense * min(small_m * (1.0 + 0.5 * number), abs(desired[2]))
         return
     number -= 3
@@ -318,7 +318,7 @@ def _candidate(number, own, desired, held, frame, small_m, twist, orbit):  # typ
 
 @kernel
 def _differs(orbit, other):  # type: ignore[no-untyped-def]
-    """Return whether two orbits differ enough to change from one to the other."""
+    """Return whether two orbits differ enough to justify a change from one to the other."""
     return (
         abs(orbit[0] - other[0]) + abs(orbit[1] - other[1]) + abs(orbit[2] - other[2]) > 2.0
         or abs(orbit[3] - other[3]) > 0.2
@@ -331,7 +331,7 @@ def decide_orbit(  # type: ignore[no-untyped-def]
 ):
     """Decide on the orbit to fly; fill ``adopted`` if this orbit differs from the current orbit.
 
-    A vehicle that ``listens`` has not yet received the states of all vehicles, and keeps its orbit
+    If ``listens``, the vehicle has not yet received the states of all vehicles, and keeps its orbit
     unless the path is clear for at most ``HASTE_S``. Returns whether a different orbit is adopted,
     whether a conflict prevents the desired orbit, and for how long the orbit to fly is clear.
     """

@@ -1,4 +1,4 @@
-"""Measures the fraction of the states sent by other UAVs that is received.
+"""Measures the fraction of the states sent by other UAVs that are received.
 
 While many messages are lost, each UAV flies in an altitude layer of its own (``Agent``).
 """
@@ -14,11 +14,11 @@ LOSSY, GOOD = 0.6, 0.8  # fractions at which links become lossy, and good again
 
 
 class LinkQuality:
-    """The fraction of the sent states that is received; ``lossy`` is true while many are lost."""
+    """The fraction of sent states that are received; ``lossy`` is true while many are lost."""
 
     def __init__(self) -> None:
         self.lossy = False
-        self._last: dict[str, int] = {}  # number of the last state of each sender
+        self._last: dict[str, int] = {}  # number of each sender's last state
         self._sent = self._received = 0.0
         self._at_us = 0
 
@@ -26,7 +26,7 @@ class LinkQuality:
         """Count a received state, and all states sent by its sender since the previous one."""
         gap = state.number - self._last.get(state.sender, state.number)
         if gap < 0 and gap > -MAX_GAP:
-            return  # the messages have arrived in another order
+            return  # the messages have arrived out of order
         self._last[state.sender] = state.number
         if not 0 < gap <= MAX_GAP:
             return

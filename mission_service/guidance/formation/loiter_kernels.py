@@ -9,7 +9,7 @@ by the drift angle. The law uses the position at the end of the step, so that th
 the commanded radius.
 
 Eq. 14 (turn right until the agent is on the left) is omitted, because eq. 15 leads to the same
-orbit. With eq. 14 a vehicle would turn right without end if the agent were inside its turning
+orbit. With eq. 14 a vehicle would turn right indefinitely if the agent were inside its turning
 circle. Instead, a vehicle that must reverse its course turns in the direction of the orbit. The
 vehicle therefore does not alternate between left and right, and other vehicles can predict its
 path.
@@ -20,7 +20,7 @@ import math
 from firemodel.compiled import kernel
 
 GRAVITY_M_S2 = 9.80665
-ACCELERATION_M_S2 = 1.5  # maximum change of the airspeed, up and down
+ACCELERATION_M_S2 = 1.5  # maximum acceleration and deceleration
 ABOUT = -0.7  # cosine of the smallest course change that counts as a reversal
 # If the cosine of a course change is this close to ABOUT, the turn may be to either side.
 FORK = 0.15
@@ -108,7 +108,7 @@ def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-u
 def _moved(  # type: ignore[no-untyped-def]
     x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
 ):
-    """Return the position at the end of a step, flown at the mean of its first and last heading."""
+    """Return the position at the end of a step, flown at the mean of the two headings."""
     mid_x, mid_y = head_x + new_x, head_y + new_y
     size2 = mid_x * mid_x + mid_y * mid_y
     if size2 < 1e-12:
@@ -162,7 +162,7 @@ def heading_step(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, desired_rad, desired_m_s, wind_x_m_s, wind_y_m_s,
     step_s, bank_rad,
 ):  # fmt: skip
-    """Compute one step of an ideal fixed wing (eq. 1) towards a heading and an airspeed.
+    """Compute one step of an ideal fixed-wing UAV (eq. 1) towards a heading and an airspeed.
 
     Returns x, y, the heading and the airspeed at the end of the step.
     """
@@ -185,7 +185,7 @@ def predict_path(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, desired_m_s,
     wind_x_m_s, wind_y_m_s, bank_rad, first_s, step_s, path_m,
 ):  # fmt: skip
-    """Fill ``path_m`` (n, 2) with the positions of a vehicle on the way to an orbit and around it.
+    """Fill ``path_m`` (n, 2) with a vehicle's positions on the way to an orbit and around it.
 
     Row i is the position ``first_s + i * step_s`` after the time of the given state. If ``first_s``
     is the age of the state, row 0 is the current position.

@@ -1,8 +1,7 @@
 """Estimates the orbits of UAVs under manual control, so that the formation can avoid them.
 
 Such a UAV (held, recalled or flown by a pilot) has no virtual agent and does not avoid other UAVs.
-The state of such a UAV is sent with an orbit estimated from its motion, so that other UAVs avoid
-this UAV.
+Its state is sent with an orbit estimated from its motion, so that the other UAVs avoid it.
 """
 
 import math
@@ -34,5 +33,5 @@ def expected_orbit(
     rate_rad_s = turned_rad / (at_s - before[0]) if at_s > before[0] else 0.0
     if abs(rate_rad_s) < STRAIGHT_RAD_S:
         return x_m + AHEAD_S * vx_m_s, y_m + AHEAD_S * vy_m_s, -radius_m
-    turn_m = speed_m_s / rate_rad_s  # radius of a left turn; negative: of a right turn
+    turn_m = speed_m_s / rate_rad_s  # turn radius; positive for a left turn
     return x_m - vy_m_s / speed_m_s * turn_m, y_m + vx_m_s / speed_m_s * turn_m, -turn_m

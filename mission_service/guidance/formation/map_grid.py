@@ -24,7 +24,7 @@ class MapGrid:
         return self.rows, self.cols
 
     def row_col_of(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return the row and column of a position, as floats; cell centres have whole numbers."""
+        """Return the row and column of a position, as floats; cell centres have integer values."""
         return (self.north_m - y_m) / self.cell_m - 0.5, (x_m - self.west_m) / self.cell_m - 0.5
 
     def xy_of(self, row: float, col: float) -> tuple[float, float]:

@@ -33,11 +33,11 @@ from mission_service.position_fix import PositionFix
 Cells = NDArray[np.int64]
 BURNING = ord("b")
 ASPECT_RATIO = 0.75  # height-to-width ratio of images, if the angle along the track is unknown
-HOT_FOR_S = 1.5  # heat is assumed for this time after the last view of fire straight below
+HOT_FOR_S = 1.5  # heat is assumed for this time after the last view of fire directly below
 
 
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
-    """Return a vehicle's settings: the scenario's values, or else those of the paper's table 1."""
+    """Return a vehicle's settings: the scenario's values, or else those in the paper's table 1."""
     shared = scenario.formation
     camera = camera_of(section)
     if camera.along_rad is None:
@@ -60,7 +60,7 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
 
 
 def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
-    """Return the numbers, in ascending order, of the cells that burn on all maps at the start.
+    """Return the indices, in ascending order, of the cells that burn on all maps at the start.
 
     These cells are the initial fire if the scenario defines one, or else the cell where the fire
     was reported.
@@ -73,7 +73,7 @@ def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
 
 
 class FormationMember:
-    """One vehicle of the formation: its agent, and the vehicle's state as events report it."""
+    """One vehicle of the formation: its agent, and the vehicle's state as reported by events."""
 
     def __init__(self, agent: Agent, formation: "Formation") -> None:
         self.agent = agent
@@ -87,9 +87,9 @@ class FormationMember:
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:
-        """Update the agent's map from a camera window; fire straight below counts as heat.
+        """Update the agent's map from a camera window; fire directly below counts as heat.
 
-        The view takes the place of the outside temperature, which autopilots do not report.
+        The view replaces the outside temperature, which autopilots do not report.
         """
         self.correct(observed)
         below = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]
@@ -159,7 +159,7 @@ class Formation:
                 member.agent.wait_for(set(team) - set(self.members))
 
     def burns(self, cells: Cells) -> None:
-        """Extend ``reach_m``, the largest distance of fire from ``centre_m``, to burning cells."""
+        """Extend ``reach_m``, the greatest distance of fire from ``centre_m``, to include cells."""
         if cells.size:
             rows, cols = np.divmod(cells, self.cols)
             off = np.hypot(rows - self._centre_row_col[0], cols - self._centre_row_col[1])
@@ -190,7 +190,7 @@ class Formation:
         return intention
 
     def track_manual(self, name: str, fix: PositionFix) -> None:
-        """Send the state of a vehicle under manual control to others, at most twice a second."""
+        """Send the state of a manually controlled vehicle to the others, at most twice a second."""
         member = self.members[name]
         velocity_m_s = self.on_grid(fix.east_m_s, fix.north_m_s)
         if not member.manual_control:

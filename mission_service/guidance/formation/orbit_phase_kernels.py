@@ -1,4 +1,4 @@
-"""Synchronises phases on orbits: a vehicle ahead of the others flies slower (section 5.3.2).
+"""Synchronises phases on orbits: a vehicle ahead of the others flies more slowly (section 5.3.2).
 
 The mean phase includes all vehicles within radio range; in the paper it includes only the
 neighbours. With the paper's mean, a ring of vehicles that each follow their neighbours could remain
@@ -76,7 +76,7 @@ def ahead_of_others_rad(  # type: ignore[no-untyped-def]
     The mean is circular, over the vehicles in range that are on an orbit of this radius. ``peers``
     (n, COLUMNS) is the result of ``PeerTable.rows``; each peer is advanced along its orbit by the
     age of its state. The angle is positive if the vehicle is ahead, for both directions of flight.
-    The angle is 0 without other vehicles, or if the vehicle is not on its orbit.
+    The angle is 0 if there are no other vehicles, or if the vehicle is not on its orbit.
     """
     if not is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):
         return 0.0

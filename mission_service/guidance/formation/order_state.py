@@ -1,4 +1,4 @@
-"""The state of one vehicle of a formation, and of the orders sent to the vehicle."""
+"""The state of one vehicle in a formation, and of the orders sent to it."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ SETTLED_FOR_S = 20.0
 
 @dataclass
 class OrderState:
-    """The state of one vehicle, and of the orders sent to the vehicle."""
+    """The state of one vehicle, and of the orders sent to it."""
 
     guided: bool = False  # whether the vehicle flies its mission or commanded orbits
     taken_over: bool = False
@@ -38,7 +38,7 @@ class OrderState:
     def start_due(self, at_s: float) -> bool:
         """Return whether to start the mission on board now.
 
-        The mission must end in the circle that the vehicle flies.
+        The mission must end in the circle that the vehicle is flying.
         """
         if self.loiter is None or self.loiter != self.circle or self.mode == "mission":
             return False

@@ -15,12 +15,12 @@ ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, PLANNED, AGE_S, KEY = range(5, 12)  # PLANNE
 COLUMNS = 12
 
 LOST_AFTER_S = 10.0  # the phase of a UAV with an older state is unknown
-GOAL_LOST_AFTER_S = 30.0  # afterwards other agents take over the area of a silent UAV's agent
+GOAL_LOST_AFTER_S = 30.0  # then other agents take over the area of a silent UAV's agent
 AVOIDED_FOR_S = 120.0  # time for which a silent UAV is avoided; its last orbit may last longer
 
 
 def priority_key(name: str) -> int:
-    """Return the priority key of a UAV, computed from its name and equal in all processes."""
+    """Return the priority key of a UAV, computed from its name and the same in all processes."""
     return zlib.crc32(name.encode())
 
 
@@ -42,7 +42,7 @@ class PeerTable:
         self._received_at_us = np.zeros(8, dtype=np.int64)
 
     def apply_state(self, state: State) -> None:
-        """Store a state, unless a state of the same or a later time is stored."""
+        """Store a state, unless a state with the same or a later time is already stored."""
         row = self._row_of.get(state.sender)
         if row is None:
             row = self._new_row(state.sender)
@@ -70,7 +70,7 @@ class PeerTable:
         )
 
     def apply_goal(self, goal: Goal) -> None:
-        """Store the goal of a UAV's virtual agent, unless a later goal is stored."""
+        """Store the goal of a UAV's virtual agent, unless a later goal is already stored."""
         row = self._row_of.get(goal.sender)
         if row is None:
             row = self._new_row(goal.sender)

@@ -15,7 +15,7 @@ PAPER_CAMERA = Camera(across_rad=1.047, along_rad=0.817)
 
 @dataclass(frozen=True, slots=True)
 class Airframe:
-    """The limits of a fixed wing; speeds are airspeeds.
+    """The limits of a fixed-wing UAV; speeds are airspeeds.
 
     In the paper the thrust varies from 0.4 to 1 of its maximum (eq. 16). Here the airspeed varies
     instead.

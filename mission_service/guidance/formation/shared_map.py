@@ -279,7 +279,7 @@ class SharedMap:
         return [Digest(at_us, self.name, self._with_sums(np.array(sorted(tiles))))]
 
     def _slot_us(self) -> int:
-        """Return the time of a reply, which is now plus a pseudo-random number of slots.
+        """Return the time of a reply: the current time plus a pseudo-random number of slots.
 
         The larger the team, the more slots there are.
         """

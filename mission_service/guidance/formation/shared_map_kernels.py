@@ -11,12 +11,12 @@ import numpy as np
 from firemodel.compiled import kernel
 
 TILE = 16
-CHECKSUM = 2**40 - 1  # largest value; less than 2**53, the limit of exact numbers in JSON
+CHECKSUM = 2**40 - 1  # largest value; less than 2**53, the limit of exact integers in JSON
 
 
 @kernel
 def cell_checksum(cell, stamp):  # type: ignore[no-untyped-def]
-    """Return the hash of a cell (by the finaliser of splitmix64); 0 if the cell is unknown."""
+    """Return the hash of a cell (from the finaliser of splitmix64); 0 if the cell is unknown."""
     if stamp == 0:
         return 0
     x = np.uint64(stamp) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(cell)
@@ -93,7 +93,7 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
             elif change < 0:
                 off += 1
                 changed[cells.size - off] = cell
-    # A cell that a message contains twice may be in both parts.
+    # A cell that occurs twice in a message may be in both parts.
     kept_on, kept_off = 0, 0
     for i in range(on):
         if fire[changed[i] // cols, changed[i] % cols]:
@@ -208,9 +208,9 @@ def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[
 def newer_cells(tile, cells, sent, stamps, theirs, found):  # type: ignore[no-untyped-def]
     """Find the known cells of a tile that are newer on this map than in a received message.
 
-    The message contains ``cells`` with the stamps ``sent``; all cells that are not in the message
-    count as older. ``theirs`` is a work array (TILE * TILE) of zeros. Fills ``found`` in ascending
-    order; returns the number of cells.
+    The message contains ``cells`` with the stamps ``sent``; all other cells count as older.
+    ``theirs`` is a work array (TILE * TILE) of zeros. Fills ``found`` in ascending order; returns
+    the number of cells.
     """
     rows, cols = stamps.shape
     top, left = corner(tile, cols)

@@ -91,7 +91,7 @@ def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad): 
 
 @kernel
 def in_local_minimum(force, formation_force, constants):  # type: ignore[no-untyped-def]
-    """Return whether the forces cancel despite strong repulsion by agents (section 5.2.5)."""
+    """Return whether the forces cancel despite strong repulsion from agents (section 5.2.5)."""
     return force < constants[T1] and formation_force > constants[T2]
 
 

@@ -1,4 +1,4 @@
-"""Computes the positions at the fire's edge where the first missions of a formation end."""
+"""Computes the positions at the fire's edge where a formation's first missions end."""
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape

@@ -14,7 +14,7 @@ STEP_US = 250_000
 
 
 def warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    """Run three agents for some steps near a small fire; all fire updates are lost.
+    """Run three agents for a few steps near a small fire; all fire updates are lost.
 
     The steps call every kernel of an agent, so that each kernel is compiled or loaded from the disk
     cache. The compiler distinguishes arrays with one row from arrays with several rows. Therefore

@@ -1,4 +1,4 @@
-"""The way of flying in a formation, in which fixed wings loiter around the fire."""
+"""The way of flying in a formation, in which fixed-wing UAVs loiter around the fire."""
 
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.way_of_flying import WayOfFlying, later

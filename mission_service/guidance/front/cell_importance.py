@@ -1,7 +1,8 @@
 """The importance of front cells and of the two planning windows (Islam & Hu, section III).
 
 A ring is an array with one value for each cell of the perimeter. Index 0 is the vehicle's cell. The
-index grows against the flying direction and ends at the cell ahead of the vehicle (section III.B).
+index increases against the direction of flight and ends at the cell ahead of the vehicle (section
+III.B).
 """
 
 import numpy as np
@@ -29,9 +30,9 @@ def cell_importance(spread_rate: Floats, since_visit_s: Floats, to_cell_s: Float
 def time_to_cells_s(step_m: Floats, speed_m_s: float) -> Floats:
     """Return the flight time to each cell of a ring (eq. 3).
 
-    The vehicle flies against the flying direction to the cells in the first half of the ring, and
-    in the flying direction to the other cells.
-    ``step_m[i]`` is the distance from cell i to cell i + 1; the last step closes the ring.
+    The vehicle reaches the cells in the first half of the ring by turning back, and the other cells
+    without a turn. ``step_m[i]`` is the distance from cell i to cell i + 1; the last step closes
+    the ring.
     """
     behind_m = np.concatenate([[0.0], np.cumsum(step_m)])
     length_m = behind_m[-1]

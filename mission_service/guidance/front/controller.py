@@ -1,4 +1,4 @@
-"""Guides vehicles along a front with missions, each renewed when its path is outdated."""
+"""Guides vehicles along a front with missions, each replaced when its path becomes outdated."""
 
 from collections.abc import Mapping
 
@@ -45,7 +45,7 @@ Floats = NDArray[np.float64]
 
 
 class FrontFlight(Guidance):
-    """The guidance along a front, which commands each vehicle as the vehicle's planner decides.
+    """The guidance along a front, which commands each vehicle according to its planner's decisions.
 
     ``planners`` maps each vehicle's name to its planner.
     """
@@ -68,7 +68,7 @@ class FrontFlight(Guidance):
         self._phase = dict.fromkeys(self.planners, "")
         self._watch = FrontMonitor(self.planners, landscape.cell_size_m)
         self._renewal = Renewal(scenario.mission, traffic)
-        self._sent_along: dict[str, Floats] = {}  # paths that are not of the planners
+        self._sent_along: dict[str, Floats] = {}  # paths set by ``send_to``
         self._adviser = TeamSizeAdviser(
             CoverageTargets(scenario.planner.max_revisit_s, scenario.planner.max_unseen_advance_m)
         )
@@ -82,7 +82,7 @@ class FrontFlight(Guidance):
         return []
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """Apply changed settings to the planners that have them."""
+        """Apply changed settings to the planners that use them."""
         if not isinstance(event, SettingsChanged):
             return []
         commands: list[AnyCommand] = []
@@ -100,7 +100,7 @@ class FrontFlight(Guidance):
         return commands
 
     def send_to(self, name: str, path_m: Floats | None) -> None:
-        """Send a vehicle along a path, (n, 2) x, y in metres; after None its planner leads."""
+        """Send a vehicle along a path (n, 2; x, y in metres); None returns it to its planner."""
         self._sent_along.pop(name, None)
         if path_m is not None:
             self._sent_along[name] = path_m
@@ -114,7 +114,7 @@ class FrontFlight(Guidance):
         return self.planners[name].phase != "approach"
 
     def task_path(self, name: str, x_m: float, y_m: float) -> Floats | None:
-        """Return the path of a vehicle's planner from a position on; None on its approach."""
+        """Return the path planned for a vehicle from a position; None during its approach."""
         if not self.task_begun(name):
             return None
         planner = self.planners[name]
@@ -122,9 +122,9 @@ class FrontFlight(Guidance):
         return self._path(planner, row, col)
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
-        """Return the path on which the vehicle is sent, or the path to the reported fire.
+        """Return the path set by ``send_to``, or otherwise the path to the reported fire.
 
-        On the path to the fire the camera finds the front.
+        The camera finds the front on the way to the fire.
         """
         sent_along = self._sent_along.get(vehicle.name)
         if sent_along is not None:
@@ -134,7 +134,7 @@ class FrontFlight(Guidance):
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Return announcements: a new phase, a decision, and advice on the team's size."""
+        """Return announcements of a new phase, a decision, and advice on the team size."""
         planner = self.planners[vehicle.name]
         commands: list[AnyCommand] = []
         if vehicle.availability.airborne and planner.phase != self._phase[vehicle.name]:
@@ -148,7 +148,7 @@ class FrontFlight(Guidance):
         return commands
 
     def _advise(self, vehicle: Vehicle, planner: Planner, at_s: float) -> list[AnyCommand]:
-        """Return an announcement if the advice on the team's size has changed."""
+        """Return an announcement if the advice on the team size has changed."""
         if not isinstance(planner, TeamMember):
             return []
         team = planner.team
@@ -163,7 +163,7 @@ class FrontFlight(Guidance):
     def further_commands(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Record the missions sent; report parts of the front when monitoring ends or resumes."""
+        """Record missions sent; report when monitoring of a part of the front ends or resumes."""
         for command in leaving:
             if isinstance(command, UploadMission):
                 if command.lands:
@@ -174,7 +174,7 @@ class FrontFlight(Guidance):
         availability = {name: vehicle.availability for name, vehicle in vehicles.items()}
         commands = self._watch.standing_alarms() if isinstance(event, Resumed) else []
         relief = self.scenario.relief
-        in_turn = () if relief is None else relief.vehicles  # the relief reports their task
+        in_turn = () if relief is None else relief.vehicles  # the relief reports on their task
         for name in (each for each in names if each not in in_turn):
             available = availability[name].flies and availability[name].armed
             available &= not (vehicles[name].ordered or availability[name].on_ground)
@@ -182,7 +182,7 @@ class FrontFlight(Guidance):
         return commands
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return the commands to give way, or to renew the mission if a renewal is due."""
+        """Return the commands to give way, or to replace the mission if necessary."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
         commands = self._give_way(vehicle, fix)
@@ -226,7 +226,7 @@ class FrontFlight(Guidance):
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """Return the mission that a renewal would send now, or None; change no state."""
+        """Return the mission that an update would send now, or None; change no state."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             return self.items(vehicle, self.first_path(vehicle, fix), fix)
@@ -234,7 +234,7 @@ class FrontFlight(Guidance):
         return None if path is None else self.items(vehicle, path, fix)
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:
-        """Return the importance of each cell of the front; None before the phase ``monitor``."""
+        """Return the importance of each cell of the front; None before the ``monitor`` phase."""
         planner = self.planners[name]
         if not isinstance(planner, ComparesParts) or planner.phase != "monitor":
             return None
@@ -273,9 +273,9 @@ class FrontFlight(Guidance):
 def _takes_off(vehicle: Vehicle) -> bool:
     """Return whether the vehicle is still taking off; a new mission would abort the takeoff.
 
-    A new mission ends the takeoff at any height. ArduPlane then climbs at 1 to 4 m/s instead of
-    10 m/s. A PX4 plane sinks to the ground if the mission arrives shortly after the plane has left
-    the ground (observed in flight). The takeoff has ended when the next mission item is current.
+    A new mission ends the takeoff at any height. ArduPlane then climbs at 1 to 4 m/s rather than
+    10 m/s. A PX4 plane sinks back to the ground if the mission arrives shortly after lift-off
+    (observed in flight). The takeoff ends when the next mission item becomes current.
     """
     return vehicle.takes_off and vehicle.mode == "mission"
 

@@ -15,13 +15,13 @@ ROUND_AGAIN_DEG = 360.0
 # Maximum number of views stored in a lap: 20 minutes of views from four cameras, about 4 MB.
 MAX_SEEN = 10_000
 
-# A camera window: the row and column of its first cell, the codes of its cells, the time in s.
+# A camera window: the row and column of its first cell, its cell codes, and the time in s.
 CameraView = tuple[int, int, NDArray[np.uint8], float]
 
 
 @dataclass(slots=True)
 class LapProgress:
-    """The angle that a vehicle has flown around the map's centre in the flying direction."""
+    """The angle flown by a vehicle around the map's centre in its direction of flight."""
 
     bearing_deg: float | None = None  # bearing of the vehicle at the last update
     swept_deg: float = 0.0  # angle flown so far

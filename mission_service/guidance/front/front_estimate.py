@@ -1,6 +1,6 @@
 """Estimates the fire front on 360 bearings, and advances the estimate where the front is unseen.
 
-For each bearing, the estimate consists of the distance of the front, the time of the last view, and
+For each bearing, the estimate consists of the distance to the front, the time of the last view, and
 a factor: the measured rate of spread divided by the fire model's rate under the wind that the
 vehicle measures. Where the front is in view, the estimate is set to the observation. Out of view,
 the estimate advances at the model's rate times the factor.
@@ -62,11 +62,11 @@ UNSEEN_ALIKE_DEG = 60.0
 
 
 class FactorPrior(NamedTuple):
-    """The distribution of the factors before the first view, and the drift of the factors.
+    """The distribution of the factors before the first view, and their drift.
 
-    ``common`` and ``local`` are the standard deviations of the part of the factor that all sectors
-    share, and of each sector's own part. ``drift`` is the standard deviation of a factor's change
-    in one hour; both parts change by a random walk.
+    ``common`` and ``local`` are the standard deviations of the part of the factor shared by all
+    sectors, and of each sector's own part. ``drift`` is the standard deviation of a factor's change
+    over one hour; both parts follow a random walk.
     """
 
     common: float
@@ -80,14 +80,14 @@ class FactorPrior(NamedTuple):
 
 MODELLED = FactorPrior(0.25, 0.25, 20.0, 0.15, 0.15, 0.3, 2.5)
 UNMODELLED = FactorPrior(1.0, 1.0, 20.0, 0.15, 0.15, 0.05, 10.0)  # the rate of spread is unknown
-# The prior for a model that may be wrong, chosen on the fires 200 to 229 of
+# The prior for a model that may be wrong. It was tuned on fires 200 to 229 of
 # ``benchmarks.random_fires --wrong``; a smaller ``unlike`` or ``alike_deg`` gives larger errors.
 CAUTIOUS = FactorPrior(0.8, 0.4, 40.0, 0.5, 0.4, 0.05, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
 class FrontModel:
-    """The fire model on board, for rates of spread on a landscape under a given wind.
+    """The on-board fire model, which gives rates of spread on a landscape under a given wind.
 
     If ``averaged`` is True, the estimate uses the geometric mean of the modelled rate and of
     ``EVEN_CELLS_S``. This mean halves the differences between the logarithms of modelled rates.
@@ -101,7 +101,7 @@ class FrontModel:
 
 
 class View(NamedTuple):
-    """A camera window with the bounds of the front in the window, as of ``bounds_in_window``."""
+    """A camera window with the bounds of the front in it, as computed by ``bounds_in_window``."""
 
     window: NDArray[np.uint8]
     burned_to: Floats
@@ -111,7 +111,7 @@ class View(NamedTuple):
 def cautious(model: FrontModel) -> FrontModel:
     """Return a model that depends less on wind and slope, and not on the fuel map.
 
-    In this model, all burnable ground has the most frequent fuel of the landscape.
+    In this model, all burnable ground has the most common fuel in the landscape.
     """
     fuel = model.landscape.fuel_model
     burnable = ~np.isin(fuel, list(NON_BURNABLE))
@@ -148,9 +148,9 @@ class FrontEstimate:
         self._shape = shape
         self.at_s = at_s
         self.front = front.copy()
-        self.speed_cells_s = np.zeros(BEARINGS)  # estimated speed outwards
+        self.speed_cells_s = np.zeros(BEARINGS)  # estimated outward speed
         self.seen_at_s = np.full(BEARINGS, -np.inf)
-        self.burned = np.zeros(BEARINGS)  # distance of the outermost ground seen burned
+        self.burned = np.zeros(BEARINGS)  # distance to the outermost ground seen burned
         self.wind_m_s: Floats | None = None  # components towards north and east
         self._short_wind = self._long_wind = np.zeros(2)
         self._wind_at_s = -np.inf
@@ -159,13 +159,13 @@ class FrontEstimate:
         self._bearing, self._rows, self._cols = (np.zeros(room, np.int64) for _ in range(3))
         self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
         self._unit = np.zeros(BEARINGS)
-        self._weather = (0, 0.0, 0.0)  # of ``_rates``: weather entry, wind speed and direction
+        self._weather = (0, 0.0, 0.0)  # for ``_rates``: weather entry, wind speed and direction
         self._rates: SteadyRates | None = None
         self._edge = distance_to_edge(shape, centre)
         self._predicted_fuel = self._anchor_fuel
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes for a snapshot, without the rates, which are computed again."""
+        """Return the attributes for a snapshot, without the rates, which are recomputed."""
         return {**vars(self), "_rates": None}
 
     @property
@@ -178,7 +178,7 @@ class FrontEstimate:
         return self.model.prior if self.model is not None and self.modelled else UNMODELLED
 
     def _reset_factors(self) -> None:
-        """Set the factors and their covariance to the values before the first view."""
+        """Set the factors and their covariance to their values before the first view."""
         # The anchor is the front in the view with which later views are compared.
         self._anchor = self.front.copy()
         self._anchor_at_s = np.full(BEARINGS, self.at_s)
@@ -190,10 +190,10 @@ class FrontEstimate:
         alike = np.exp(-np.minimum(apart, BEARINGS - apart) / prior.alike_deg)
         self.factor = np.ones(SECTORS)
         self._covariance = prior.common**2 + prior.local**2 * alike
-        self._drift = prior.drift**2 * (0.5 + 0.5 * alike)  # increase of the covariance in an hour
+        self._drift = prior.drift**2 * (0.5 + 0.5 * alike)  # increase of the covariance per hour
 
     def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
-        """Return the fuel model under a front on each bearing; 0 without a landscape."""
+        """Return the fuel model at a front on each bearing; 0 without a landscape."""
         found = np.zeros(BEARINGS, np.int16)
         if self.model is not None:
             centre, fuel = (self.centre_row, self.centre_col), self.model.landscape.fuel_model
@@ -203,7 +203,7 @@ class FrontEstimate:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontEstimate":
-        """Return an estimate around another centre, with the same model and wind, without views."""
+        """Return an estimate around another centre, with the same model and wind but no views."""
         renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
         renewed.wind_m_s = self.wind_m_s
         renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
@@ -212,11 +212,11 @@ class FrontEstimate:
         return renewed
 
     def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Add a measured wind to the mean over a quarter of an hour.
+        """Add a wind measurement to the mean over a quarter of an hour.
 
         The wind speed is at 20 ft above the vegetation. ``from_deg`` is the direction from which
         the wind blows, clockwise from true north. If the wind shifts by more than gusts and errors
-        explain, the mean follows within one or two minutes.
+        can explain, the mean follows within one or two minutes.
         """
         toward = math.radians(from_deg + 180.0)
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
@@ -300,13 +300,13 @@ class FrontEstimate:
         return self.add_bounded_view(self.bounded_view(row, col, window))
 
     def add_bounded_view(self, view: View) -> Booleans:
-        """Update the front from a view at ``at_s``; return which bearings (360) show the front."""
+        """Update the front from a view at ``self.at_s``; return which bearings (360) show it."""
         at_s, burned_to = self.at_s, view.burned_to
         in_view = self._front_in(view)
         before = self.front.copy()
         self._predicted_fuel = self._fuel_at(before)
         new = in_view & np.isinf(self.seen_at_s)
-        # The front may be anywhere in a cell, so the estimate is half-way between the cell's
+        # The front may be anywhere within a cell, so the estimate is half-way between the cell's
         # centre and the prediction.
         off = np.clip(self.front - burned_to, -0.5, 0.5)
         self.front[in_view] = (burned_to + np.where(new, 0.0, 0.5 * off))[in_view]
@@ -319,7 +319,7 @@ class FrontEstimate:
         return in_view
 
     def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Apply an operator's correction of a window to the front; leave the factors unchanged."""
+        """Apply a window corrected by an operator to the front; leave the factors unchanged."""
         self.advance(at_s)
         centre = (self.centre_row, self.centre_col)
         not_burned, still_burned = taken_back(row, col, window, centre, self.burned)
@@ -337,7 +337,7 @@ class FrontEstimate:
         self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
 
     def bounded_view(self, row: int, col: int, window: NDArray[np.uint8]) -> View:
-        """Return the bounds of the front in a window, from the centre of this estimate."""
+        """Return the bounds of the front in a window, as distances from the estimate's centre."""
         view = View(window, np.empty(BEARINGS), np.empty(BEARINGS))
         centre = (self.centre_row, self.centre_col)
         bounds_in_window(window, row, col, *centre, NORTH, EAST, view.burned_to, view.unburned_from)
@@ -359,7 +359,7 @@ class FrontEstimate:
 
         ``new`` holds the bearings seen for the first time, and ``before`` the front before this
         view. The distance on an unseen bearing is scaled like that on the nearest new bearing, but
-        less with increasing angle between the two bearings.
+        less so as the angle between the two bearings increases.
         """
         unseen = np.isinf(self.seen_at_s)
         unseen[new] = False
@@ -382,7 +382,7 @@ class FrontEstimate:
             return
         fuel = self._fuel_at(self.front)
         prior = self._prior
-        # An advance through two fuels measures the rate of neither fuel.
+        # An advance through two fuels does not give the rate of either.
         alike = (fuel == self._anchor_fuel) & (fuel == self._predicted_fuel)
         update_factors(
             due & alike,

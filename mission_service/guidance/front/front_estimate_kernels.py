@@ -1,8 +1,8 @@
 """Compiled inner loops of ``front_estimate``; lengths are in cells and times in seconds.
 
 An array has 360 elements, one per whole-degree bearing, or 72 elements, one per sector of five
-degrees. The slant of the front on a bearing is the change of the front's distance per cell at right
-angles to the bearing; the slant of a circle around the centre is 0.
+degrees. The slant of the front on a bearing is the change in the front's distance per cell
+perpendicular to the bearing; the slant of a circle around the centre is 0.
 """
 
 import math
@@ -15,10 +15,10 @@ UNBURNED, BURNED = 1, 2  # codes as in fire_map
 SAMPLES_PER_CELL = 2  # samples along a bearing, as for the distance error
 TANGENT_CELLS = 3.5  # length on each side of a bearing over which the slant is computed
 HOLLOW = 0.5  # the front is hollow where the slants on both sides differ by more than this
-LEAP_CELLS = 2.0  # a larger step outwards to the next bearing leaps to another part of the front
+LEAP_CELLS = 2.0  # a larger outward step to the next bearing is a leap to another part of the front
 PLACES = 9  # maximum number of places per bearing where the rate of spread is computed
 BEHIND_CELLS = 0.7  # distance from the front back to the cell from which the fire spreads
-STEEPEST = 4.0  # limit of the slant; the speed along a bearing grows with the slant
+STEEPEST = 4.0  # limit of the slant; the speed along a bearing increases with the slant
 WITHIN_CELLS = 1.5  # maximum distance from burned to unburned ground across a front in view
 BEYOND_CELLS = 2.0  # minimum distance of an unseen front from the ground in view
 
@@ -27,14 +27,14 @@ PER_SECTOR = 5
 # two views, or if at least this time has passed.
 BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # variance of a position with a resolution of one cell
-# Relative error of the advance from the ignition to the first view, when the wind is unknown.
+# Relative error of the advance from ignition to the first view, when the wind is unknown.
 UNLIKE_AT_FIRST = 1.0
-AT_IGNITION_CELLS = 1.0  # maximum distance of the front from the centre at the ignition
+AT_IGNITION_CELLS = 1.0  # maximum distance of the front from the centre at ignition
 COSINES, SINES = (
     np.array([function(degrees * (math.pi / 180.0)) for degrees in range(360)])
     for function in (math.cos, math.sin)
 )
-SURPRISE = 3.0  # larger differences, in standard deviations, have a smaller weight
+SURPRISE = 3.0  # differences larger than this, in standard deviations, get less weight
 
 
 @compiled
@@ -54,7 +54,7 @@ def front_normals(  # type: ignore[no-untyped-def]
     for i in range(n):
         r = max(front[i], 0.5)
         w = min(max(round(TANGENT_CELLS / (r * degree)), 2), 15)
-        # Negative indices count from the end. A remainder would take longer.
+        # Negative indices count from the end; taking a remainder would be slower.
         ahead, following = i + w - (n if i + w >= n else 0), i + 1 if i + 1 < n else 0
         forward = (front[ahead] - front[i]) / (w * degree * r)
         backward = (front[i] - front[i - w]) / (w * degree * r)
@@ -109,7 +109,7 @@ def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # 
 
 @compiled
 def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
-    """Interpolate ``factor`` to the bearings, linearly between the middles of the sectors."""
+    """Interpolate ``factor`` linearly from the sector centres to the bearings."""
     sectors = factor.size
     for i in range(found.size):
         at = (i + 0.5) / PER_SECTOR - 0.5
@@ -135,7 +135,7 @@ def advance_front(  # type: ignore[no-untyped-def]
 
 @compiled
 def values_at_front(values, front, centre_row, centre_col, north, east, found):  # type: ignore[no-untyped-def]
-    """Compute the value (y, x) of the cell under the front on each bearing."""
+    """Compute the value, from ``values`` (y, x), of the cell at the front on each bearing."""
     rows, cols = values.shape
     for i in range(front.size):
         row = min(max(round(centre_row - front[i] * north[i]), 0), rows - 1)
@@ -149,9 +149,9 @@ def mixed_front(  # type: ignore[no-untyped-def]
 ):
     """Compute the mixture, and the front as a mean of the model's estimate and the mixture.
 
-    ``shares`` holds the fractions in the mixture: of the model's estimate, of the cautious
-    estimate, and of ``last_seen``, the front as last seen (NaN where the front has never been
-    seen). The front is at most half a cell inside ground seen burned.
+    ``shares`` holds the fractions of the mixture taken from the model's estimate, the cautious
+    estimate, and ``last_seen``, the front as last seen (NaN where the front has never been seen).
+    The front is at most half a cell inside ground seen burned.
     """
     for i in range(front.size):
         seen = modelled[i] if math.isnan(last_seen[i]) else last_seen[i]
@@ -162,7 +162,7 @@ def mixed_front(  # type: ignore[no-untyped-def]
 
 @compiled
 def bearings_in_view(burned_to, unburned_from, burned, in_view):  # type: ignore[no-untyped-def]
-    """Update ``burned``, the outermost ground seen burned, and which bearings show the front."""
+    """Update ``burned`` (outermost ground seen burned) and the mask of bearings with the front."""
     for i in range(burned.size):
         burned[i] = max(burned[i], burned_to[i])
         near = unburned_from[i] <= burned_to[i] + WITHIN_CELLS
@@ -248,7 +248,7 @@ def update_factors(  # type: ignore[no-untyped-def]
         variance = 2.0 * CELL_VARIANCE * slant * slant + noise * noise
         scale = variance + predicted * predicted * covariance[sector, sector]
         off = advance - predicted * factor[sector]
-        # If the variance and the noise do not explain a difference, the view shows another part of
+        # If the variance and the noise cannot explain a difference, the view shows another part of
         # the front, not a different rate.
         scale *= max(1.0, off * off / (scale * SURPRISE * SURPRISE))
         for i in range(n):

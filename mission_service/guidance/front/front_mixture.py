@@ -1,15 +1,15 @@
 """Mixes two estimates of the front, weighted by their errors in predicting the views so far.
 
 The first estimate (the model's estimate) follows the fire model. Where the fuel map or the wind is
-wrong, the model's estimate has large errors between two views. The second estimate is
-``cautious``: it follows measured rates more than the model. The mixture contains the cautious
-estimate and small fractions of the model's estimate and of the front as last seen; the largest
-error of the mixture is smaller than the largest error of each part. The result is the model's
-estimate if this estimate's errors are clearly smaller than those of the mixture, and otherwise the
-mixture. Errors are measured where the front comes into view again.
+wrong, the model's estimate has large errors between two views. The second estimate is ``cautious``:
+it follows measured rates more than the model. The mixture contains the cautious estimate and small
+fractions of the model's estimate and of the front as last seen; the largest error of the mixture is
+smaller than the largest error of any part. The result is the model's estimate if this estimate's
+errors are clearly smaller than those of the mixture, and otherwise the mixture. Errors are measured
+where the front comes into view again.
 
-The constants were chosen on the fires 200 to 229 of ``benchmarks.random_fires --wrong``. Without a
-model there is only one estimate.
+The constants were tuned on fires 200 to 229 of ``benchmarks.random_fires --wrong``. Without a model
+there is only one estimate.
 """
 
 import numpy as np
@@ -23,11 +23,11 @@ Floats = NDArray[np.float64]
 
 # Fractions in the mixture: the model's estimate, the cautious estimate, the front as last seen.
 SHARES = (0.15, 0.75, 0.10)
-CLEARLY = 0.5  # ratio of mean square errors (model / mixture) at which both have equal weight
+CLEARLY = 0.5  # ratio of mean square errors (model / mixture) at which the two have equal weight
 SHARPNESS = 4.0  # exponent of this ratio in ``model_share``
-AGAIN_S = 120.0  # errors are measured on bearings that have been out of view for longer
+AGAIN_S = 120.0  # errors are measured on bearings that have been out of view for longer than this
 KEPT = 0.9975  # factor by which each new error reduces the weights of earlier errors
-FIRST_SQUARES = 20.0  # initial sum of the mixture's square errors, in square cells
+FIRST_SQUARES = 20.0  # initial sum of the mixture's squared errors, in cells squared
 
 
 class FrontMixture:
@@ -72,7 +72,7 @@ class FrontMixture:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontMixture":
-        """Return a mixture around another centre, with the same models and wind, without views."""
+        """Return a mixture around another centre, with the same models and wind but no views."""
         found = object.__new__(FrontMixture)
         found.modelled = self.modelled.reset_around(centre, front, at_s)
         own = self._cautious
@@ -81,7 +81,7 @@ class FrontMixture:
         return found
 
     def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Add a measured wind, as ``FrontEstimate.add_wind``."""
+        """Add a wind measurement, as in ``FrontEstimate.add_wind``."""
         for estimate in self._estimates():
             estimate.add_wind(speed_m_s, from_deg, at_s)
 
@@ -92,7 +92,7 @@ class FrontMixture:
         _, self.front = self._mixed()
 
     def add_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Update the front from one camera window, as ``FrontEstimate.add_window``."""
+        """Update the front from one camera window, as in ``FrontEstimate.add_window``."""
         for estimate in self._estimates():
             estimate.advance(at_s)
         predicted = np.stack([self.modelled.front, self._mixed()[0]])
@@ -110,7 +110,7 @@ class FrontMixture:
         _, self.front = self._mixed()
 
     def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Apply an operator's correction of a window."""
+        """Apply a window corrected by an operator."""
         for estimate in self._estimates():
             estimate.correct_window(row, col, window, at_s)
         self._last_seen = np.where(

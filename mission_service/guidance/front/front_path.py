@@ -1,7 +1,7 @@
-"""Computes a vehicle's position on a front, the bearings in its view, and the path to fly.
+"""Computes a vehicle's position on a front, the bearings in view, and the path to fly.
 
 All planners use these functions, which need only the on-board map. Positions are rows and columns
-of the landscape's grid, as floats. ``clockwise`` is the flying direction around the fire.
+of the landscape's grid, as floats. ``clockwise`` is the direction of flight around the fire.
 """
 
 import math
@@ -48,7 +48,7 @@ def bearing_deg(fire_map: PolarMap, row: float, col: float) -> float:
 
 
 def turned_deg(from_deg: float, to_deg: float, clockwise: bool) -> float:
-    """Return the angle (-180 to 180) from one bearing to another in the flying direction."""
+    """Return the angle (-180 to 180) from one bearing to another in the direction of flight."""
     turned = (to_deg - from_deg + 180.0) % 360.0 - 180.0
     return turned if clockwise else -turned
 
@@ -116,7 +116,7 @@ def path_along(
     """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
     ``front`` is in cells on 360 bearings. The path never crosses ground seen burned: where
-    ``front`` is inside such ground, the path follows the outer edge of the ground.
+    ``front`` is inside such ground, the path follows the outer edge of that ground.
     """
     step = 1 if clockwise else -1
     front = circular_mean(np.maximum(front, fire_map.burned + 0.5), smoothing_deg)
@@ -133,7 +133,7 @@ def path_along(
 
 
 def centre_of_area(outer: Floats, centre_row: float, centre_col: float) -> tuple[float, float]:
-    """Return the centre of area (row, col) of the polygon that ``outer`` (360) describes."""
+    """Return the centroid (row, col) of the polygon described by ``outer`` (360)."""
     north, east = outer * NORTH, outer * EAST
     cross = north * np.roll(east, -1) - np.roll(north, -1) * east
     area = cross.sum() / 2.0

@@ -12,23 +12,23 @@ from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
 
 Floats = NDArray[np.float64]
 
-# The paper scans "as long as the angle keeps increasing". Because cells form a staircase, this scan
-# ends only when the angle is this far below the largest angle so far.
+# In the paper, the scan continues "as long as the angle keeps increasing". Because cells form a
+# staircase, this scan ends only when the angle is this far below the largest angle so far.
 STAIRCASE_DEG = 4.0
 SCAN_DEG = 150
 
 
 def close_gap(outer: Floats, foremost: int, clockwise: bool) -> Floats:
-    """Join the end of the front in view to the older front ahead by a straight line (scan).
+    """Join the end of the front in view to the older front ahead with a straight line (scan).
 
     Args:
         outer: The distance of the front in cells on each bearing (360), without NaN.
-        foremost: The last bearing in the flying direction on which the front is in view.
+        foremost: The last bearing in the direction of flight on which the front is in view.
         clockwise: Whether the vehicle flies clockwise.
 
     Returns:
-        A copy of ``outer`` in which the front from the foremost cell to the cell with the largest
-        angle in the scan is nowhere inside the straight line between these two cells.
+        A copy of ``outer`` in which no part of the front from the foremost cell to the cell with
+        the largest angle in the scan is inside the straight line between these two cells.
     """
     joined: Floats = _close_gap(outer, int(foremost), 1 if clockwise else -1)
     return joined
@@ -69,7 +69,7 @@ def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
 def ring_of_cells(
     outer: Floats, start: int, clockwise: bool
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return the closed ring of perimeter cells, from ``start`` against the flying direction.
+    """Return the closed ring of perimeter cells, from ``start`` against the direction of flight.
 
     The three arrays hold each cell's distances north and east of the centre, in whole cells, and
     each cell's bearing. Successive cells share a side or a corner.
@@ -112,14 +112,14 @@ def steps_between(north: Floats, east: Floats) -> Floats:
 
 
 def hull_of(shape: Floats) -> Floats:
-    """Return the convex hull of a shape; hull and shape are distances on 360 bearings (VI.E)."""
+    """Return the convex hull of a shape; both are distances on 360 bearings (VI.E)."""
     distance: Floats = _hull_of(shape)
     return distance
 
 
 @compiled
 def _hull_of(shape):  # type: ignore[no-untyped-def]
-    """Compute the hull by Andrew's monotone chain over the points in order of bearing.
+    """Compute the hull with Andrew's monotone chain over the points in order of bearing.
 
     The chain starts at the farthest point. The order by bearing is also the order on the hull,
     because the centre is inside the hull.

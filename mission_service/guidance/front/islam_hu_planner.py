@@ -4,15 +4,15 @@ As in listing 1, the vehicle first flies one lap to fill the on-board map. Then,
 the planner reconstructs the fire's shape, compares the importance of the two halves of the
 perimeter (the back window and the front window), and turns the vehicle back or keeps the direction.
 
-The planner has three rules. ``islam_hu`` is the rule in the paper. A vehicle with this rule
-oscillates if the spread is very uneven, for two reasons: each turn makes the other window more
-important, and spread rates are computed from two views only seconds apart. ``islam_hu_damped``
-differs in three points:
+The planner has three rules. ``islam_hu`` is the paper's rule. A vehicle with this rule oscillates
+if the spread is very uneven, for two reasons: each turn makes the other window more important, and
+spread rates are computed from two views only seconds apart. ``islam_hu_damped`` differs in three
+points:
 
 - Spread rates are computed from views at least ``baseline_s`` apart and averaged over neighbouring
   bearings, so that a difference of one cell does not become a high rate.
 - The vehicle turns back only if the importance of the back window exceeds that of the front window
-  by the share ``reversal_margin``, and by ``min_gain_cells`` of unseen spread (the resolution of
+  by the fraction ``reversal_margin``, and by ``min_gain_cells`` of unseen spread (the resolution of
   the map) for each cell of the window.
 - After a turn the vehicle keeps the direction for ``dwell_s``: the time to turn around and to bring
   other cells into view.
@@ -87,7 +87,7 @@ class PerimeterPlanner(LapPlanner):
         self._survey(view_of(observed))
 
     def correct(self, observed: Observed) -> None:
-        """Apply an operator's correction of a window of the fire."""
+        """Apply a window of the fire corrected by an operator."""
         self.map.correct_window(*view_of(observed))
 
     def tune(self, event: SettingsChanged) -> None:
@@ -104,7 +104,7 @@ class PerimeterPlanner(LapPlanner):
     def importance(self, row: float, col: float, at_s: float) -> Floats:
         """Return the importance (n, in cells) of each cell of the reconstructed front (listing 3).
 
-        Index 0 is the vehicle's cell, and the index grows against the flying direction.
+        Index 0 is the vehicle's cell, and the index increases against the direction of flight.
         """
         settings = self.settings
         _, visited_at_s = self.map.filled_outer()

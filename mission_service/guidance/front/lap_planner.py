@@ -16,7 +16,7 @@ from mission_service.guidance.protocol import Decision, Phase
 
 
 class LapPlanner(ABC):
-    """A planner that decides in each new cell, after a first lap around the fire."""
+    """A planner that makes a decision in each new cell, after a first lap around the fire."""
 
     def __init__(self, fire_map: FireMap, clockwise: bool, ignition_known: bool) -> None:
         """Begin the approach; the map is recentred after the lap if the ignition is unknown."""
@@ -49,7 +49,7 @@ class LapPlanner(ABC):
 
     @abstractmethod
     def _decide(self, row: float, col: float, at_s: float) -> Decision:
-        """Return the decision in a new cell; for a turn back, also reverse the flying direction."""
+        """Return the decision in a new cell; on a turn back, also reverse the flight direction."""
 
     def _survey(self, view: CameraView) -> None:
         """Update the map from a camera window; the first view of the fire begins the lap."""

@@ -1,7 +1,7 @@
-"""Decides when, and for which reason, the mission of a vehicle along a front is renewed.
+"""Decides when, and why, the mission of a vehicle along a front is replaced.
 
 Other modules set a reason in ``Vehicle.due``, such as a decision to turn back, a path that is clear
-again, or an operator's request. ``Renewal.why`` adds the reasons that follow from the mission
+again, or an operator's request. ``Renewal.why`` adds the reasons that arise from the mission
 itself.
 """
 
@@ -16,21 +16,21 @@ from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle
 
 COMPARED_SHARE = 0.25  # fraction of the horizon over which new and flown paths are compared
-LEFT_SHARE = 0.4  # fraction of the horizon; a mission with a shorter path left is renewed
+LEFT_SHARE = 0.4  # fraction of the horizon; a mission with less path left is replaced
 CHECK_EVERY_S = 2.0
-SENT_TOLERANCE_M = 10.0  # distance between the ends of a path to fly and of the mission on board
+SENT_TOLERANCE_M = 10.0  # distance between the ends of the requested path and the on-board mission
 CLOSE_BELOW = "another vehicle flies close below"
 TURN_BACK = "turn back"
 
 
 class Renewal:
-    """The rule that decides on renewals for all vehicles of a run."""
+    """The rule that decides when missions are replaced, for all vehicles of a run."""
 
     def __init__(self, settings: MissionSection, traffic: TrafficManager) -> None:
         self._settings = settings
         self._traffic = traffic
-        self._observed: set[str] = set()  # vehicles that do not wait for the interval
-        self._corrected: set[str] = set()  # vehicles with a complete path to compare
+        self._observed: set[str] = set()  # vehicles that need not wait for the interval
+        self._corrected: set[str] = set()  # vehicles whose complete path is to be compared
 
     def corrected(self, vehicle: Vehicle, at_s: float) -> None:
         """Request an immediate check of the mission after an operator has corrected the fire."""
@@ -65,7 +65,7 @@ class Renewal:
         return vehicle.due or "fly to the fire"
 
     def why_sent(self, vehicle: Vehicle, path_m: NDArray[np.float64]) -> str | None:
-        """Return the reason to send the mission along ``path_m`` (n, 2), or None if it is flown."""
+        """Return the reason to send the mission along ``path_m`` (n, 2); None if it is on board."""
         if vehicle.flown_line is None:
             return "no confirmed mission on board"
         if vehicle.due:
@@ -75,9 +75,9 @@ class Renewal:
         return "relief" if off_m > SENT_TOLERANCE_M else None
 
     def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether the mission may be renewed now.
+        """Return whether the mission may be replaced now.
 
-        The mission may be renewed for a reason in ``Vehicle.due``, after an observation by a
+        The mission may be replaced for a reason in ``Vehicle.due``, after an observation by a
         sensor, or when ``min_upload_interval_s`` has passed.
         """
         since_s = fix.at_s - vehicle.uploaded_at_s

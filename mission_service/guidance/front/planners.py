@@ -1,4 +1,4 @@
-"""Computes, from the scenario, the inputs that all planners for fronts use."""
+"""Computes from the scenario the inputs that all front planners use."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario

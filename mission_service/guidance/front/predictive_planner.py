@@ -1,12 +1,12 @@
 """The predictive planner, which guides one vehicle to the least certain parts of the front.
 
-``front_estimate`` predicts the advance of each part of the front since the part's last view, and
+``front_estimate`` predicts the advance of each part of the front since that part was last seen, and
 ``front_mixture`` reduces the effect of a wrong fire model. The expected error of a part grows at
 the part's speed times the standard deviation of its factor (the measured rate of spread divided by
 the modelled rate). At every new cell of the grid, ``sweeps`` rolls out (simulates) plans of sweeps
 and laps on the estimated front. Some plans keep the direction, and some turn back now. The cost of
-a plan measures the error. The vehicle turns back if the best plan that turns back costs clearly
-less than the best plan that keeps the direction.
+a plan is a measure of the error. The vehicle turns back if the best plan that turns back costs
+clearly less than the best plan that keeps the direction.
 
 The roll-outs include the time of turns and the effect of the measured wind on the vehicle. A
 landscape and a wind improve the prediction but are not required.
@@ -73,7 +73,7 @@ class PredictiveSettings:
 
 
 def model_of(landscape: Landscape, weather: Weather) -> FrontModel:
-    """Return the fire model on board, with a landscape and fuel moistures but without wind."""
+    """Return the on-board fire model, with a landscape and fuel moistures but without wind."""
     calm = replace(weather, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0, wind_field=None)
     weather_stream = WeatherStream([calm])
     return FrontModel(FrontRates(landscape, weather_stream), landscape, weather_stream)
@@ -115,13 +115,13 @@ class PredictivePlanner(LapPlanner):
         self.fronts.add_window(*seen)
 
     def correct(self, observed: Observed) -> None:
-        """Apply an operator's correction of a window of the fire."""
+        """Apply a window of the fire corrected by an operator."""
         seen = view_of(observed)
         self.map.correct_window(*seen)
         self.fronts.correct_window(*seen)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Add a measured wind that blows from ``from_deg``, clockwise from true north."""
+        """Add a wind measurement; the wind blows from ``from_deg``, clockwise from true north."""
         self.fronts.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def _recentre(self) -> None:
@@ -157,7 +157,7 @@ class PredictivePlanner(LapPlanner):
     def compared(self, row: float, col: float, at_s: float) -> Compared:
         """Return the expected error (in cells) and the position of the front on 360 bearings."""
         first, step = round(bearing_deg(self.map, row, col)), -1 if self.clockwise else 1
-        # Bearings from the vehicle's bearing on, against the flying direction.
+        # Bearings starting at the vehicle's bearing, against the direction of flight.
         places = (first + step * np.arange(BEARINGS)) % BEARINGS
         estimate = self.estimate
         values = self._error(estimate.factor_sd())[places]
@@ -200,7 +200,7 @@ class PredictivePlanner(LapPlanner):
     def path(self, row: float, col: float) -> Floats:
         """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
-        The path follows the estimated front. Before the phase ``monitor`` the path follows the
+        The path follows the estimated front. Before the ``monitor`` phase, the path follows the
         visible front, extended by a straight line.
         """
         settings = self.settings.path

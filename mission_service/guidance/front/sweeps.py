@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 NODES = 72
-NEVER = 1 << 40  # number of nodes in a leg without end
+NEVER = 1 << 40  # number of nodes in an unlimited leg
 MIN_GROWTH_CELLS_S = 1e-6
 SLOWEST = 0.2  # minimum ground speed, as a fraction of the airspeed
 
@@ -32,7 +32,7 @@ class CoarseRing(NamedTuple):
 
     ahead_s: Floats  # flight time from each node to the next one
     back_s: Floats  # flight time from each node to the previous one
-    error: Floats  # error expected now, in cells
+    error: Floats  # expected error now, in cells
     growth: Floats  # growth of the error while the node is not in view, in cells/s
     left: Floats  # error of a node in view, in cells
 
@@ -56,8 +56,8 @@ PLANS = _plans()
 def flight_times(north, east, length, speed, wind):  # type: ignore[no-untyped-def]
     """Return the flight times along a straight step, forwards and in the opposite direction.
 
-    ``north`` and ``east`` are the components of the step and ``length`` is the length of the step,
-    each a number or an array of any shape. ``speed`` is the airspeed, and ``wind`` holds the speeds
+    ``north`` and ``east`` are the components of the step and ``length`` is its length; each is a
+    number or an array of any shape. ``speed`` is the airspeed, and ``wind`` holds the speeds
     towards north and east at which the wind carries the vehicle.
     """
     tail = (wind[0] * north + wind[1] * east) / length

@@ -21,7 +21,7 @@ ALARM = "front"
 
 
 def front_map_of(planner: Steered) -> FireMap | None:
-    """Return the on-board map of a planner along a front; None for other planners."""
+    """Return the on-board map of a front planner; None for other planners."""
     found = getattr(planner, "map", None)
     return found if isinstance(found, FireMap) else None
 
@@ -49,7 +49,7 @@ def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int6
 
 
 def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
-    """Return a text that gives the bearings and the length of a part of the front.
+    """Return a description of the bearings and the length of a part of the front.
 
     Bearings are measured from the fire's centre.
     """
@@ -94,7 +94,7 @@ class FrontMonitor:
         """Return reports that a part of the front is no longer monitored, or is monitored again.
 
         A vehicle monitors the front from its first observation of the front (``observes``) for as
-        long as the vehicle follows its planner (``available``).
+        long as it follows its planner (``available``).
         """
         watches = available and (observes or name in self._watching)
         if watches == (name in self._watching):

@@ -58,7 +58,7 @@ def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> 
 
 
 def _two_fronts(name: str, at_s: float, row: int, col: int, radius: int) -> FrontsEstimated:
-    """Return an event with a round front and, beside it, a round front of half the size."""
+    """Return an event with a circular front and, beside it, another of half the size."""
     fronts = []
     for centre, size in ((col, float(radius)), (col + 4 * radius, radius / 2.0)):
         angle = np.linspace(0.0, math.tau, round(math.tau * size), endpoint=False)

@@ -24,7 +24,7 @@ Maker = Callable[["Scenario", "VehicleSection", "Ground"], "Planner"]
 Planners = Callable[["Scenario", "Landscape"], "Mapping[str, Planner]"]
 
 FOLDER = __package__
-# For each rule, the function (module:name) that makes the planner of one vehicle.
+# For each rule, the function (module:name) that creates the planner of one vehicle.
 PLANNERS = {
     "islam_hu_damped": "islam_hu_planner:islam_hu_planner",
     "islam_hu": "islam_hu_planner:islam_hu_planner",
@@ -38,9 +38,9 @@ def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None)
 
     Args:
         rule: The value of ``planner.rule``, which is also the name of the entry point.
-        planner: The function that makes the planner of one vehicle.
-        section: The model of the scenario's table that has the rule's name. The function
-            ``planner`` reads this table with ``config.scenario.own_table(scenario, section)``.
+        planner: The function that creates the planner of one vehicle.
+        section: The model of the scenario table named after the rule. The function ``planner``
+            reads this table with ``config.scenario.own_table(scenario, section)``.
 
     Returns:
         The object to which an entry point in the group ``mission_service.planners`` refers.
@@ -57,7 +57,7 @@ def along_front(
     """Return a way of flying along a front.
 
     The function ``planners`` returns the planners of all vehicles, by vehicle name. ``relieves`` is
-    whether these are separate, so that vehicles may relieve each other.
+    True if these planners are separate, so that vehicles may relieve each other.
     """
     return WayOfFlying(
         rules,

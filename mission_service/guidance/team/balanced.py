@@ -1,14 +1,14 @@
 """The team rule ``team.balanced``, which searches for plans with the lowest mean cost.
 
-The cost of a plan is the importance of all cells, averaged over time. The rule makes two searches.
-The first search computes the costs of the long-term patterns of ``patterns`` from the rates of
-spread: all vehicles lap, all lap and return on a fast arc, or some sweep the arc. The second search
-(``lookahead``) simulates the next turns of each vehicle, so that the team reaches the cheapest
-pattern with even gaps and visits the cells that have not been seen for long.
+The cost of a plan is the importance of all cells, averaged over time. The rule performs two
+searches. The first search computes the costs of the long-term patterns of ``patterns`` from the
+rates of spread: all vehicles lap, all lap and return on a fast arc, or some sweep the arc. The
+second search (``lookahead``) simulates the next turns of each vehicle, so that the team reaches the
+cheapest pattern with even gaps and visits the cells that have not been seen for a long time.
 
 Each decision tries only a few plans, and keeps the current pattern and plan unless another pattern
 or plan is better by a margin. On a ring that grows fast, all vehicles lap, and only the second
-search remains: with a shorter simulation, because the fire soon changes, and with more plans.
+search remains, with a shorter simulation (because the fire soon changes) and more plans.
 """
 
 from typing import Literal
@@ -45,7 +45,7 @@ from mission_service.guidance.team.patterns import (
 NODES = 256  # maximum number of nodes of the ring for roll-outs
 BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before the next turn
 SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
-# The same on a ring that grows fast, and the cells to fly onward before a turn back.
+# The same for a fast-growing ring, and the cells to fly onward before a turn back.
 FAR_ONWARD = (0, 1, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 FAR_BACKS = (*BACKS, 48, 64, 96, NEVER)
 FAR_SHIFTS = (-32, -16, *SHIFTS, 16, 32)
@@ -54,15 +54,15 @@ FAR_SHIFTS = (-32, -16, *SHIFTS, 16, 32)
 # too large a weight defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
-# If the ring grows by more than the share ``MAX_GROWTH`` in the time of one lap, even gaps would
-# not last: all vehicles lap, a roll-out has the length of some gaps between two vehicles, in one
-# part, and every decision tries more plans. This ends when the growth is below ``MIN_GROWTH``.
+# If the ring grows by more than the fraction ``MAX_GROWTH`` during one lap, even gaps would not
+# last. All vehicles then lap, a roll-out has a single part as long as a few gaps between two
+# vehicles, and every decision tries more plans. This ends when the growth is below ``MIN_GROWTH``.
 MAX_GROWTH, MIN_GROWTH, GAPS_AHEAD = 0.15, 0.1, 3.0
 # Fraction of the cost that another plan must save, in laps and on an arc.
 MARGIN, MARGIN_ON_ARCS = 4e-3, 1e-3
 # Fraction of the cost with even spacing that another pattern must save.
 PATTERN_MARGIN = 0.03
-# Number of searches in the time of one lap, and the minimum time between two searches.
+# Number of searches in one lap, and the minimum time between two searches.
 PATTERN_SEARCHES, PLAN_SEARCHES = 8, 60  # for a better pattern, for a better plan of a vehicle
 SEARCH_S = 2.0
 
@@ -82,7 +82,7 @@ class Balanced:
         self._pattern = LAPS
         self._next_pattern_s = -np.inf
         self._grows_fast = False
-        self._first: tuple[float, float] | None = None  # first length of the ring in m, at time
+        self._first: tuple[float, float] | None = None  # first length of the ring in m, and time
         self.rollouts = 0
         self.turns = 0
         # For each vehicle (k): the member number, the cells to fly before each turn, the next cell,
@@ -151,7 +151,7 @@ class Balanced:
         scale, power = self._integral(rates, self._counts)
         unseen = np.zeros(self._step_m.size)
         self._nodes = Nodes(self._step_m, scale, power, self._linear, unseen, self._stride)
-        # A pattern on nodes of several cells would begin and end up to a node beside the arc.
+        # A pattern on nodes of several cells would begin and end up to one node away from the arc.
         scale, power = self._integral(ring.spread_rate_m_s, np.ones(size))
         self._cells = Nodes(np.array(ring.step_m), scale, power, self._linear, np.zeros(size), 1)
 
@@ -166,9 +166,9 @@ class Balanced:
         return cells / power, power
 
     def _growth(self, at_s: float) -> float:
-        """Return the share by which the ring grows in a lap, at its mean rate since the start."""
+        """Return the fraction by which the ring grows per lap, at the mean rate since the start."""
         length_m = float(self._step_m.sum())
-        if self._first is None or self._first[0] <= 0.0:  # the front of a single cell has no length
+        if self._first is None or self._first[0] <= 0.0:  # a front of a single cell has no length
             self._first = length_m, at_s
         first_m, first_s = self._first
         if at_s <= first_s or length_m <= 0.0:
@@ -187,7 +187,7 @@ class Balanced:
             best = Choice(LAPS, lapping)
         wanted = best.pattern
         if wanted.length and wanted.kind == self._pattern.kind:
-            # The arc follows the front: a vehicle uses the new arc from its next turn on.
+            # The arc follows the front: a vehicle uses the new arc from its next turn onwards.
             self._pattern = wanted
         elif wanted != self._pattern and (
             self._grows_fast or best.cost < (1.0 - PATTERN_MARGIN) * cost
@@ -196,7 +196,7 @@ class Balanced:
             self._plan_all()
 
     def _plan_all(self) -> None:
-        """Set the plan of each vehicle to the pattern, from the vehicle's next cell on."""
+        """Set the plan of each vehicle to the pattern, starting at the vehicle's next cell."""
         size = self._size()
         middle = self._pattern.first + self._pattern.length // 2
         away = (self._goal - middle) % size
@@ -210,7 +210,7 @@ class Balanced:
             self._space_on_arc()
 
     def _space_on_arc(self) -> None:
-        """On the first visit, delay the vehicles that serve the arc, so that gaps become even.
+        """Delay the vehicles that serve the arc on their first visit, so that gaps become even.
 
         A delay consists of whole returns on the arc, and of one flight beyond the end of the arc
         and back.
@@ -237,7 +237,7 @@ class Balanced:
         return pattern.length > 0 and bool(self._sweeps[vehicle]) == (pattern.sweeping > 0)
 
     def _plan(self, vehicle: int) -> None:
-        """Set the plan of one vehicle to the pattern, from the vehicle's next cell on."""
+        """Set the plan of one vehicle to the pattern, starting at the vehicle's next cell."""
         if not self._serves(vehicle):
             self._legs[vehicle] = NEVER
             if self._heading[vehicle] < 0:
@@ -276,7 +276,7 @@ class Balanced:
         """Try other plans for one vehicle; keep the best plan."""
         assert self._ring is not None
         unreported = self._due_s < at_s - SEARCH_S
-        if unreported.any():  # the positions of these vehicles are dead reckoned
+        if unreported.any():  # the positions of these vehicles are dead-reckoned
             self._goal[unreported] = fleet.cell[unreported]
             self._due_s[unreported] = at_s
             self._heading[unreported] = np.where(fleet.clockwise[unreported], 1, -1)
@@ -298,7 +298,7 @@ class Balanced:
         self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, margin)
 
     def _horizon(self) -> Horizon:
-        """Return the length of roll-outs for the present pattern and growth."""
+        """Return the length of roll-outs for the current pattern and growth."""
         if self._grows_fast:
             end_s = GAPS_AHEAD * self._lap_s / len(self._members)
             return Horizon(end_s, end_s, 0.0)

@@ -6,7 +6,7 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Int
 
 
 class Circling:
-    """The rule by which all vehicles fly clockwise."""
+    """The rule under which all vehicles fly clockwise."""
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Return True: all vehicles fly clockwise."""
@@ -17,7 +17,7 @@ class Circling:
 
 
 class Bumper:
-    """The rule by which neighbours start in opposite directions, and turn back when they meet.
+    """The rule under which neighbours start in opposite directions and turn back when they meet.
 
     Vehicles never fly past each other. When the ring grows, however, two vehicles may be moved to
     the same cell, or past each other by one cell. Therefore the number of cells between two
@@ -25,8 +25,8 @@ class Bumper:
     """
 
     def __init__(self) -> None:
-        # The directions last decided. When two vehicles meet, the first vehicle turns at once, and
-        # the second vehicle at that vehicle's next decision.
+        # The most recently decided directions. When two vehicles meet, the first vehicle turns at
+        # once, and the second at its own next decision.
         self._clockwise: dict[int, bool] = {}
         self._around: list[int] = []  # members in their constant order around the ring
         self._cells_on: dict[int, int] = {}  # cells from each member to the next one clockwise
@@ -57,8 +57,8 @@ class Bumper:
     def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
         """Return the number of cells from ``rear`` to the next vehicle.
 
-        The vehicles' cells give this number only up to whole laps; the candidate nearest to the
-        last result is returned.
+        The vehicles' cells determine this number only up to whole laps; the candidate nearest to
+        the last result is returned.
         """
         front = self._around[(self._around.index(rear) + 1) % len(self._around)]
         gap = (cell_of[front] - cell_of[rear]) % around

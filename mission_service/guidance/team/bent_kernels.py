@@ -19,8 +19,8 @@ def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
 def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ignore[no-untyped-def]
     """Return the unwrapped index of the most important cell; ``own_cell`` in a region of one cell.
 
-    The vehicle's own cell has no importance (4.1.3). Among equally important cells the nearest cell
-    is returned; of two cells at the same distance, the cell in the clockwise direction is returned.
+    The vehicle's own cell has no importance (4.1.3). Among equally important cells, the nearest is
+    returned; of two cells at the same distance, the clockwise one.
     """
     n = rate.size
     best, best_worth = own_cell, -1.0

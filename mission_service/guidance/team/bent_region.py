@@ -48,7 +48,7 @@ def course_to(region: Region, target: int) -> Course:
 def is_finished(region: Region, course: Course) -> bool:
     """Return whether a course has no target, or a target that is passed or outside the region.
 
-    A vehicle can pass its target without a visit if the ring has grown, or if the vehicle has
+    A vehicle can pass its target without visiting it if the ring has grown, or if the vehicle has
     skipped cells in flight.
     """
     target = course.target

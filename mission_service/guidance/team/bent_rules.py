@@ -35,7 +35,7 @@ BENCHMARKS = ("circling", "bumper")
 
 
 def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRule:
-    """Return the rule of the thesis with these names; a baseline needs no negotiation.
+    """Return the thesis's rule with the given names; a baseline needs no negotiation.
 
     Raises KeyError for an unknown name.
     """

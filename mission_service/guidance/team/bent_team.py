@@ -151,8 +151,8 @@ def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Reg
     for member, cell in zip(members, cells_of, strict=True):
         if member not in regions.members:
             at = dict(zip(members, cells_of, strict=True))
-            # The cell of a vehicle that has left is unknown, so the start of its region stands for
-            # the cell.
+            # The cell of a vehicle that has left is unknown, so the start of its region is used
+            # instead.
             begins = dict(zip(regions.members, regions.borders, strict=True))
             others = [at.get(other, begins[other].right.place) for other in regions.members]
             regions = with_member(regions, member, others, cell)

@@ -24,7 +24,7 @@ def dead_reckoned_fleet(
 ) -> ActiveFleet:
     """Return the fleet at ``at_s``.
 
-    A vehicle is left out if the last report from the vehicle is older than ``lost_after_s``.
+    A vehicle is omitted if its last report is older than ``lost_after_s``.
     """
     recent = sorted(
         (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member

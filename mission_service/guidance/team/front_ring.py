@@ -17,7 +17,7 @@ Booleans = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class FrontRing:
-    """The front at one time; each array has a value per cell (n), clockwise."""
+    """The front at a given time; each array has a value per cell (n), clockwise."""
 
     step_m: Floats  # distance from each cell to the next one, and from the last to the first
     spread_rate_m_s: Floats  # outward speed of the front
@@ -26,7 +26,7 @@ class FrontRing:
 
 @dataclass(frozen=True, slots=True)
 class ActiveFleet:
-    """The vehicles that fly now; arrays have one value per vehicle (k), sorted by ``member``."""
+    """The vehicles now flying; arrays have one value per vehicle (k), sorted by ``member``."""
 
     member: Integers  # constant number of the vehicle in the team
     cell: Integers  # the vehicle's cell on the ring

@@ -1,7 +1,7 @@
 """Computes the cost of all vehicles' plans by roll-outs (simulations) on a ring, in compiled code.
 
 A plan is a sequence of legs. Each leg is the number of cells that the vehicle flies before it
-turns, and the last two legs are repeated without end. A lap is one infinite leg, a sweep is two
+turns, and the last two legs are repeated indefinitely. A lap is one infinite leg, a sweep is two
 equal legs, and a lap that passes an arc three times is a long leg and a short leg. Each visit
 changes only one node. Therefore the computing time of a roll-out is proportional to the number of
 nodes plus the number of steps of the vehicles.
@@ -246,12 +246,12 @@ def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
 
 @kernel
 def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
-    """Replace the plan of one vehicle if another plan is cheaper by the share ``margin``.
+    """Replace the plan of one vehicle if another plan is cheaper by the fraction ``margin``.
 
     The other plans fly onward for a number of cells in ``moves.onward`` and then back for a number
     of cells in ``moves.backs``, delay one of the next three turns by a number of cells in
     ``moves.shifts``, or omit the next two turns. ``legs`` (k, LEGS) holds the plans; only the row
-    of ``vehicle`` is changed. Returns the number of roll-outs.
+    of ``vehicle`` is modified. Returns the number of roll-outs.
     """
     kept, best, plan = moves.kept, moves.best, legs[vehicle]
     for leg in range(LEGS):

@@ -12,8 +12,8 @@ from mission_service.guidance.team.front_ring import FrontRing
 class Party:
     """A vehicle in a negotiation; cells are unwrapped indices (see ``regions``).
 
-    A vehicle keeps its current cell, next cell and target, as far as they are in the vehicle's
-    region. ``reserved`` holds the first and the last of these cells.
+    A vehicle keeps its current cell, next cell and target if they are in its region. ``reserved``
+    holds the first and the last of these cells.
     """
 
     begin: int
@@ -33,9 +33,9 @@ class Party:
 
 
 # The arguments are the ring, the left neighbour, the vehicle, the right neighbour, the time in s,
-# and whether importance is exponential. The result is the numbers of cells that the vehicle gives
-# at the beginning and at the end of its region. In a team of two, both neighbours are the same
-# vehicle.
+# and whether importance is exponential. The result holds the numbers of cells that the vehicle
+# gives away at the beginning and at the end of its region. In a team of two, both neighbours are
+# the same vehicle.
 Negotiation = Callable[[FrontRing, Party, Party, Party, float, bool], tuple[int, int]]
 
 
@@ -57,7 +57,7 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
         return more_left / 4.0, more_right / 4.0
     if more_left == 0.0 or more_right == 0.0:
         return more_left / 2.0, more_right / 2.0
-    # This vehicle keeps as much importance as the neighbour that now has more than the other.
+    # Afterwards this vehicle and the neighbour that now has more importance have equal importance.
     less, more = sorted((more_left, more_right))
     scale = less / (2.0 * less + more)
     return scale * more_left, scale * more_right
@@ -111,7 +111,7 @@ def on_arrival(
     cells = ring.step_m.size
     behind = lifted(left.own_cell, own.own_cell - cells, cells)
     ahead = lifted(right.own_cell, own.own_cell + 1, cells)
-    # A cell at equal distance is not given.
+    # A cell at equal distance is not given away.
     first = (behind + own.own_cell + 1) // 2 - own.begin
     last = own.end - 1 - (ahead + own.own_cell) // 2
     return min(max(first, 0), own.max_first), min(max(last, 0), own.max_last)

@@ -22,7 +22,7 @@ STEPS = (8, 4, 2, 1)  # numbers of cells by which the ends of an arc are then mo
 class Pattern(NamedTuple):
     """An arc of the ring, and how vehicles serve the arc; places are cells.
 
-    The arc reaches from ``first`` to ``first + length``, both included. ``sweeping`` is the number
+    The arc extends from ``first`` to ``first + length``, both inclusive. ``sweeping`` is the number
     of vehicles that sweep the arc. If no vehicle sweeps the arc, all vehicles fly back and forth on
     the arc ``returns`` times in each lap.
     """
@@ -50,7 +50,7 @@ LAPS = Pattern(0, 0, 0, 0)
 
 @kernel
 def _both(scale, power, gap_s, other_gap_s):  # type: ignore[no-untyped-def]
-    """Return a node's importance, integrated over one gap of regular visits, with other visits.
+    """Return a node's importance, integrated over a gap between regular visits, with other visits.
 
     The other visits are ``other_gap_s`` apart and independent of the regular visits. The age
     exceeds t with the probability (1 - t / gap) (1 - t / other gap). The integral of this
@@ -75,7 +75,7 @@ def _alone(scale, power, gap_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _visit_s(visit, along_s, arc_s, turn_s):  # type: ignore[no-untyped-def]
-    """Return the time of a visit in a lap with returns, since the arrival at the arc."""
+    """Return the time of a visit in a lap with returns, measured from the arrival at the arc."""
     back = visit % 2
     return visit // 2 * 2.0 * (arc_s + turn_s) + (
         2.0 * arc_s + turn_s - along_s if back else along_s
@@ -140,7 +140,7 @@ def settled_cost(pattern, nodes, vehicles, speed_m_s, turn_s):  # type: ignore[n
 
 
 def best_pattern(nodes: Nodes, vehicles: int, speed_m_s: float, turn_s: float) -> Choice:
-    """Return the pattern with an arc that costs least with even spacing.
+    """Return the pattern with an arc that has the lowest cost with even spacing.
 
     The search begins with the fastest arc of each length in ``ARC_SHARES``, for each kind of
     pattern, and then moves both ends of the best arc of each kind.
@@ -182,7 +182,7 @@ def _with_ends_moved(best: Choice, step: int, size: int, choice):  # type: ignor
 
 
 class PlanState(NamedTuple):
-    """The next cell, heading and number of returns in this lap of a vehicle that serves an arc."""
+    """The next cell, heading and returns in this lap, for a vehicle that serves an arc."""
 
     cell: int
     heading: int  # 1: clockwise, -1: anticlockwise

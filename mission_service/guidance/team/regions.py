@@ -2,7 +2,7 @@
 
 Each border has a vehicle on the left (anticlockwise) and a vehicle on the right. Both vehicles
 store a state of the border, called a side, which consists of a place and a version. A vehicle moves
-a border only by giving cells away, and only in its turn: the left vehicle after even versions, the
+a border only by giving cells away, and only on its turn: the left vehicle after even versions, the
 right vehicle after odd versions. A vehicle that offers version v + 1 continues to serve the offered
 cells until a message with version v + 1 or a later version arrives from the other vehicle. The
 other vehicle owns the cells as soon as the offer arrives, and has the next turn.
@@ -87,7 +87,7 @@ def served(regions: Regions, index: int) -> tuple[int, int]:
     """Return the start and the end of the cells that a vehicle serves.
 
     Start and end are unwrapped cell indices; the end is excluded. The indices follow from the
-    states that the vehicle stores of the two borders of its region.
+    states that the vehicle stores for the two borders of its region.
     """
     after = (index + 1) % len(regions.borders)
     end = regions.borders[after].left.place + (0 if after else regions.cells)
@@ -109,7 +109,7 @@ def retained(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def ledger(regions: Regions) -> tuple[int, ...]:
-    """Return the unwrapped start of each region, by the newer side of the first border."""
+    """Return the unwrapped start of each region, using the newer side of its first border."""
     return tuple(
         (right if right.version > left.version else left).place for left, right in regions.borders
     )
@@ -160,7 +160,7 @@ def with_message(regions: Regions, index: int, message: BorderMessage, *, left: 
 
 
 def with_border(regions: Regions, index: int, border: Border) -> Regions:
-    """Return the regions with one border changed."""
+    """Return the regions with one border replaced."""
     borders = (*regions.borders[:index], border, *regions.borders[index + 1 :])
     return replace(regions, borders=borders)
 

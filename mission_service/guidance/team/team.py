@@ -7,7 +7,7 @@ flown around the fire.
 
 The fleet given to the rule does not contain vehicles that have left (lost, recalled, or on the
 ground), so the other vehicles close the gap at their next decisions. A vehicle that has left
-returns to the fleet when the vehicle flies and has the front in view.
+returns to the fleet when it is flying and has the front in view.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Tea
 
 Floats = NDArray[np.float64]
 
-FRESH_S = 2.0  # newer reports need no dead reckoning (several reports arrive in a second)
+FRESH_S = 2.0  # newer reports need no dead reckoning (several reports arrive per second)
 LOST_AFTER_S = 30.0
 CARRIED_BACK = 30  # maximum drift of a vehicle in cells during a turn back
 
@@ -120,9 +120,9 @@ class Team:
         return sum(member.flies for member in self._members.values())
 
     def fleet(self, ring: FrontRing, at_s: float) -> ActiveFleet:
-        """Return the vehicles that fly along the front now.
+        """Return the vehicles now flying along the front.
 
-        A vehicle whose reports have stopped is dead reckoned for ``LOST_AFTER_S``, then omitted.
+        A vehicle whose reports have stopped is dead-reckoned for ``LOST_AFTER_S``, then omitted.
         """
         reports = [
             ReportedPosition(
@@ -179,14 +179,14 @@ class TeamMember:
         self._found |= bool(self._in_view.any())
 
     def correct(self, observed: Observed) -> None:
-        """Apply an operator's correction of a window to the team's map."""
+        """Apply a window corrected by an operator to the team's map."""
         self._team.map.correct_window(*view_of(observed))
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Do nothing: team rules do not use the wind."""
 
     def left(self, at_s: float) -> None:
-        """Leave the fleet until the vehicle flies and has the front in view again."""
+        """Leave the fleet until the vehicle is flying and has the front in view again."""
         self.flies = False
         self._in_view = np.zeros(BEARINGS, dtype=bool)
         self._lap.bearing_deg = None
@@ -217,7 +217,7 @@ class TeamMember:
         passed = step * (place - self.bearing) % BEARINGS
         if passed == 0 or passed >= BEARINGS - CARRIED_BACK:
             return None
-        if passed >= BEARINGS // 2:  # the vehicle has left the front meanwhile
+        if passed >= BEARINGS // 2:  # the vehicle has left the front in the meantime
             self.bearing, passed = (place - step) % BEARINGS, 1
         return self._decide(passed, step, at_s)
 

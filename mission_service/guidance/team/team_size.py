@@ -1,10 +1,10 @@
 """Computes how many vehicles a front needs, and how many of these lap or sweep; gives advice.
 
 On a ring of length L, n vehicles with speed v that lap with even spacing see every point at
-intervals of L/(n v). If k vehicles sweep an arc of length l, the vehicles see each end of the arc
-at intervals of 2 l/(k v). The age of a point is the time since the last view; the largest age is
-the interval between views. The unseen advance of the front at a point is the interval times the
-rate of spread.
+intervals of L/(n v). If k vehicles sweep an arc of length l, they see each end of the arc at
+intervals of 2 l/(k v). The age of a point is the time since the last view; the largest age is the
+interval between views. The unseen advance of the front at a point is the interval times the rate of
+spread.
 """
 
 import math
@@ -16,11 +16,11 @@ import numpy as np
 from mission_service.guidance.team.front_ring import Floats, FrontRing
 
 ADVISE_EVERY_S = 300.0
-PARTS = 64  # number of parts of the ring; an arc begins and ends at borders of parts
+PARTS = 64  # number of parts of the ring; an arc begins and ends at part borders
 
 
 class Split(NamedTuple):
-    """The numbers of vehicles that lap and that sweep, and the length of the arc that is swept."""
+    """The numbers of vehicles that lap and that sweep, and the length of the swept arc."""
 
     lapping: int
     sweeping: int
@@ -48,7 +48,7 @@ def _at_least(number: float) -> int:
 
 
 def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s: float) -> Split:
-    """Return the split and the arc with the smallest worst unseen advance.
+    """Return the split and the arc that minimise the worst unseen advance.
 
     ``step_m`` and ``spread_rate_m_s`` (n) have a value per cell of the ring. All vehicles lap
     unless sweeping is better. Among splits with the same worst advance, the split with the fewest
@@ -93,7 +93,7 @@ def vehicles_needed(
 
 @dataclass(frozen=True, slots=True)
 class CoverageTargets:
-    """The limits for the age and for the unseen advance of any part of the front."""
+    """The limits on the age and the unseen advance of any part of the front."""
 
     max_revisit_s: float | None = None
     max_unseen_advance_m: float | None = None

@@ -7,7 +7,7 @@ from mission_service.guidance.front.way import along_front
 from mission_service.guidance.way_of_flying import later
 
 FOLDER = __package__
-# For each rule, the function (module:name) that makes the rule.
+# For each rule, the function (module:name) that creates the rule.
 RULES = {
     "team.balanced": "balanced:balanced",
     "team.circling": "bent_rules:bent",

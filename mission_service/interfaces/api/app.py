@@ -156,7 +156,7 @@ def role_of(api_route: APIRoute) -> str:
 
 
 def _describe(app: FastAPI) -> None:
-    """Add Struct schemas, the token and the common errors to the API description of FastAPI."""
+    """Add Struct schemas, the token and the common errors to FastAPI's API description."""
     generate: Callable[[], dict[str, Any]] = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -170,7 +170,7 @@ def _describe(app: FastAPI) -> None:
             for each in routes_of(app):
                 for method in each.methods or ():
                     operation = found["paths"][each.path_format][method.lower()]
-                    # FastAPI removes null values from examples: restore the original.
+                    # FastAPI removes null values from examples: restore the originals.
                     operation["responses"]["200"] = each.responses[200]
                     operation["responses"] |= {
                         str(status): {"$ref": f"#/components/responses/E{status}"}
@@ -215,7 +215,7 @@ def _handle_errors(app: FastAPI) -> None:
 
 
 def _refused_parameter(error: dict[str, Any], operation: dict[str, Any]) -> str:
-    """Return the text for a refused parameter, from the description of the operation in OpenAPI."""
+    """Return the text for a refused parameter, from the operation's OpenAPI description."""
     parameters = operation.get("parameters", ())
     schema = {"properties": {each["name"]: each["schema"] for each in parameters}}
     place, *path = error["loc"]

@@ -67,7 +67,7 @@ class ApiContext:
         return vehicle
 
     async def ask(self, request: Request, do: str, **named: Any) -> Response:
-        """Handle the request ``do``, with keys from the body and, as ``named``, from the path.
+        """Handle the request ``do``, with keys from the body and, in ``named``, from the path.
 
         Raises ApiError.
         """
@@ -132,7 +132,7 @@ class ApiContext:
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:
-        """Return the only station of a burn; "" for several stations, ``http`` for no station."""
+        """Return a burn's only station, "" if there are several, or ``http`` if there is none."""
         burn = self.context.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""

@@ -26,7 +26,7 @@ class Frames:
         await self._context.changed(since)
 
     def frames(self, since: int) -> bytes:
-        """Return the events for all states that changed since a version, in the order of versions.
+        """Return the events for all states that changed since a version, in order of version.
 
         A client that reconnects continues from the last received ``id`` and misses no state.
         """
@@ -35,7 +35,7 @@ class Frames:
         return b"".join(self._frame(key, version, since) for version, key in new)
 
     def _frame(self, key: str, version: int, since: int) -> bytes:
-        # The lines of the log differ between clients: only those after ``since``.
+        # Log lines differ between clients: each client receives only those after ``since``.
         if key in ("announcements", "records"):
             lines = getattr(self._context.state_view, key)
             return _event(key, version, [line for line in lines if line.id > since])

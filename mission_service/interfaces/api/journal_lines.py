@@ -18,9 +18,9 @@ class JournalLines:
         self._files: OrderedDict[tuple[int, int], _LineIndex] = OrderedDict()
 
     def after(self, file: BinaryIO, line: int, limit: int, max_bytes: int) -> tuple[bytes, int]:
-        """Return the complete lines after number ``line``, and the number of the last of them.
+        """Return the complete lines after line number ``line``, and the number of the last one.
 
-        The header is line 1. The result has at most ``limit`` lines, and ends with the line with
+        The header is line 1. The result has at most ``limit`` lines, and ends with the line at
         which the total size exceeds ``max_bytes``.
         """
         with self._lock:

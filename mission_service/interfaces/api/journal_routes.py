@@ -152,7 +152,7 @@ def _add_photos(routes: APIRouter, api: ApiContext) -> None:
 
 
 async def _made_in_process(job: ProductsJob) -> bytes:
-    """Return the products as a zip file, made by another process. Raises ApiError 422."""
+    """Make the products in another process; return them as a zip file. Raises ApiError 422."""
     data = msgspec.msgpack.encode(job)
     try:
         code, output, errors = await worker_output(WORKER, data, MADE_WITHIN_S, subprocess.PIPE)
@@ -183,7 +183,7 @@ def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
 
 
 async def _parts(file: BinaryIO, size: int) -> AsyncIterator[bytes]:
-    """Yield the first ``size`` bytes of a file, in parts; the file may grow meanwhile."""
+    """Yield the first ``size`` bytes of a file in chunks; the file may grow meanwhile."""
     with file:
         while size > 0 and (part := await asyncio.to_thread(file.read, min(size, PART_BYTES))):
             size -= len(part)

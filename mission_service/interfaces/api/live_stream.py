@@ -14,7 +14,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 MAX_STREAMS = 32
-# After this time without a change a comment is sent, so that both sides detect a dead connection.
+# After this time without a change, a comment is sent, so that both sides detect a dead connection.
 SENT_EVERY_S = 10.0
 # The pause between two batches for a client is this time multiplied by the number of open streams,
 # but at least MIN_PAUSE_S. All streams together use a few per cent of a core, and a single stream
@@ -37,7 +37,7 @@ class Source(Protocol):
         """Return the version of the whole state, which grows with each change."""
 
     def frames(self, since: int) -> bytes:
-        """Return the events for all changes since a version, in the order of versions."""
+        """Return the events for all changes since a version, in order of version."""
 
     async def changed(self, since: int) -> None:
         """Wait until ``version`` is larger than ``since``."""

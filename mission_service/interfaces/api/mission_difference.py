@@ -19,7 +19,7 @@ def difference_of(before: Sequence[ItemState], after: Sequence[ItemState]) -> Mi
 
 
 def _apart_m(one: ItemState, other: ItemState) -> float:
-    """Return the distance between two items in metres; 0 if one of them has no position."""
+    """Return the distance between two items in metres; 0 if either has no position."""
     if one.lat_deg is None or one.lon_deg is None or other.lat_deg is None or other.lon_deg is None:
         return 0.0
     return distance_m((one.lat_deg, one.lon_deg), (other.lat_deg, other.lon_deg))

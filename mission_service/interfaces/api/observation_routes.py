@@ -1,4 +1,4 @@
-"""Defines the route for uploaded rasters of detectors; ``requests.py`` defines other reports."""
+"""Defines the route for uploaded detector rasters; ``requests.py`` defines other reports."""
 
 from typing import Annotated, Any
 
@@ -19,7 +19,7 @@ Number = Annotated[float | None, Query(allow_inf_nan=False)]
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add the route of GeoTIFFs."""
+    """Add the route for GeoTIFFs."""
     areas = {"burned_ha_before": 329.4, "burned_ha_after": 331.2}
     reply = {**examples.ACCEPTED, "event": "RasterObserved", "messages": [], **areas}
 

@@ -64,7 +64,7 @@ class RequiredRole:
 
 
 async def refuse_unknown_query(request: Request) -> None:
-    """Raise ApiError 422 for a parameter in the query string that the route does not have.
+    """Raise ApiError 422 for a query parameter that the route does not define.
 
     A parameter that is given more than once, such as ``preview=true&preview=false``, is refused
     too, because the route would use only one of its values.

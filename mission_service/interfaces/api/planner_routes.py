@@ -12,7 +12,7 @@ from mission_service.runtime.run_context import RunContext
 
 
 def planner_of(context: RunContext) -> dict[str, Any]:
-    """Return the planners' current settings: the scenario's, with the changes by operators."""
+    """Return the planners' current settings: the scenario's, with the operators' changes."""
     return context.scenario.planner.model_dump(mode="json") | context.core.guidance.settings()
 
 

@@ -1,8 +1,8 @@
 """Runs uvicorn inside the daemon, which controls tasks, signals and the shutdown.
 
-uvicorn contributes the HTTP protocol (h11) and the main loop. This module adds the listening
-socket, TLS, timeouts, the limits of connections (``access/client_connections.py``) and the
-shutdown. This module depends on uvicorn's internals, so pyproject.toml restricts uvicorn's version.
+uvicorn provides the HTTP protocol (h11) and the main loop. This module adds the listening socket,
+TLS, timeouts, the connection limits (``access/client_connections.py``) and the shutdown. This
+module depends on uvicorn's internals, so pyproject.toml restricts uvicorn's version.
 """
 
 import asyncio
@@ -34,14 +34,14 @@ REQUEST_WITHIN_S = 10.0  # time limit for headers, from the first byte or the co
 KEEP_ALIVE_S = 30
 HANDSHAKE_WITHIN_S = 5.0
 NO_ROOM_S = 0.05  # time until the next attempt to accept a connection
-STOP_WITHIN_S = 1  # after this time of a shutdown, open connections are closed
+STOP_WITHIN_S = 1  # open connections are closed this long after a shutdown begins
 MAX_HEADER_BYTES = 16 * 1024
-SEND_BUFFER_BYTES = 128 * 1024  # a larger buffer of the kernel would store outdated states
+SEND_BUFFER_BYTES = 128 * 1024  # a larger kernel buffer would store outdated states
 
 
 @contextlib.contextmanager
 def bound(section: HttpSection) -> Iterator[socket.socket]:
-    """Open a listening socket; instead of the default port, if it is in use, on a free port.
+    """Open a listening socket; if the default port is in use, use a free port.
 
     Raises MissionServiceError if the address cannot be used.
     """
@@ -96,7 +96,7 @@ def tls_of(section: HttpSection) -> ssl.SSLContext | None:
     # closed the connection, this write fails, and asyncio discards the unread request.
     context.num_tickets = 0
     try:
-        # Without a callback, OpenSSL would prompt for the password of a key on the terminal.
+        # Without a callback, OpenSSL would prompt for a key's password on the terminal.
         context.load_cert_chain(certificate, key, password=_no_password)
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
@@ -129,7 +129,7 @@ async def serving(
         timeout_graceful_shutdown=STOP_WITHIN_S,
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
     )
-    # uvicorn logs a warning for each request that is not HTTP; such requests could fill the disk.
+    # uvicorn logs a warning for each request that is not HTTP; these warnings could fill the disk.
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
     server = _Server(config, listening, tls)
     running = asyncio.create_task(server.serve())
@@ -145,7 +145,7 @@ async def serving(
 
 
 def _shut(client: socket.socket) -> None:
-    with contextlib.suppress(OSError):  # closed already
+    with contextlib.suppress(OSError):  # already closed
         client.shutdown(socket.SHUT_RDWR)
 
 
@@ -229,7 +229,7 @@ class Connection(H11Protocol):
     """One connection, with a time limit for headers.
 
     ``scope["state"]`` has two functions: ``cut`` closes the connection, and ``proven`` marks the
-    connection as one with a valid token.
+    connection as having a valid token.
     """
 
     def __init__(
@@ -266,7 +266,7 @@ class Connection(H11Protocol):
             self._expect_nothing()
 
     def send_400_response(self, msg: str) -> None:
-        """Reply with the common form of an error to data that are not HTTP, and disconnect."""
+        """Reply to data that are not HTTP with an error in the common form, and disconnect."""
         if self.conn.our_state is ERROR or (self.cycle and self.cycle.response_started):
             self.transport.close()
             return

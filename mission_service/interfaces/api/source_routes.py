@@ -1,4 +1,4 @@
-"""Defines the routes of the sources of observations: contributions, footprints and images."""
+"""Defines the routes of observation sources: contributions, footprints and images."""
 
 from functools import partial
 from typing import Annotated

@@ -8,7 +8,7 @@ import msgspec
 
 from mission_service.errors import ControlError, RequestError
 
-NAME = "control.sock"  # name of the socket in the folder of a run
+NAME = "control.sock"  # name of the socket in the run's folder
 ANSWER_WITHIN_S = 10.0
 
 

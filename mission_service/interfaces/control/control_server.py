@@ -2,7 +2,7 @@
 
 Only the user that runs the service may open the socket (mode 0600). The reply to an invalid request
 contains the error; the request has no effect. The service accepts an abort from every client, with
-any content, even if the limit of clients is reached.
+any content, even if the client limit has been reached.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ from mission_service.runtime.request_handler import Answer, RequestHandler, wron
 
 MAX_LINE_BYTES = 64 * 1024
 MAX_CLIENTS = 16
-MAX_WAITING = 64  # clients above the limit may only abort; of more, the oldest is closed
+MAX_WAITING = 64  # from this number on, the oldest client that may only abort is closed
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
 MAX_QUEUED = 100  # queued lines at which reading pauses
@@ -102,7 +102,7 @@ async def serve_control(listening: socket.socket, request_handler: RequestHandle
 
 
 class _Clients:
-    """The connected clients, in the order in which they connected."""
+    """The connected clients, in order of connection."""
 
     def __init__(self, request_handler: RequestHandler, failed: asyncio.Future[None]) -> None:
         self.request_handler = request_handler
@@ -135,7 +135,7 @@ class _Client(asyncio.Protocol):
         self._read_s = 0.0
         self._after_abort = False  # the newline after an abort has not arrived
         self._scheduled = self._unread = self._ended = self._disconnected = False
-        self._task: asyncio.Task[None] | None = None  # of the line that is handled
+        self._task: asyncio.Task[None] | None = None  # handles the current line
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Add the client."""

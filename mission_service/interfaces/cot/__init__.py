@@ -1,1 +1,1 @@
-"""Cursor on Target: sends vehicles and the fire's front to other maps, and receives reports."""
+"""Cursor on Target: sends vehicles and the fire front to other maps, and receives reports."""

@@ -8,7 +8,7 @@ from mission_service.interfaces.cot.cot_events import chat_event
 from mission_service.runtime.published_states import Alarm
 
 MAX_A_ROUND = 10
-UNSURE_US = 15_000_000  # a message sent this soon before a loss of the connection is sent again
+UNSURE_US = 15_000_000  # a message sent within this time before a connection loss is sent again
 REPEAT_US = 60_000_000  # after a loss, other clients of the server may take this long to reconnect
 
 Level = Literal["none", "severe", "all"]
@@ -30,13 +30,13 @@ class _Message(NamedTuple):
 
 
 class AlarmChat:
-    """The chat messages of one run: one at the start, each change and the end of an alarm.
+    """The chat messages of one run: one at the start, at each change and at the end of an alarm.
 
     A repeated message has the same identifier as before, so that clients show one message.
     """
 
     def __init__(self, level: Level, site: str) -> None:
-        """Send the alarms of a level: no alarms, severe ones, or all."""
+        """Set which alarms are sent: none, severe ones, or all."""
         self._level, self._site = level, site
         self._latest: dict[str, _Message] = {}  # by key of the alarm
         self._pending: dict[bytes, _Message] = {}
@@ -77,7 +77,7 @@ class AlarmChat:
             self._repeat_at_us = now_us + REPEAT_US
 
     def handle_timer(self, now_us: int) -> None:
-        """Mark messages as lost when their repetition is due; delete old messages of ends.
+        """Mark messages as lost when their repetition is due; delete old messages on ended alarms.
 
         ``now_us`` is monotonic.
         """
@@ -96,7 +96,7 @@ class AlarmChat:
                 self._latest[key] = each._replace(is_lost=True)
 
     def _changes(self, alarms: Iterable[Alarm]) -> Iterator[_Message]:
-        """Yield the next message about each alarm with a change or a lost message."""
+        """Yield the next message about each alarm that has changed or whose message was lost."""
         active = {each.alarm: each for each in alarms if self._is_sent(each)}
         for key, alarm in active.items():
             before = self._latest.get(key)

@@ -1,8 +1,8 @@
 """Encodes vehicles, missions, the fire and alarms as Cursor on Target events for TAK. Pure.
 
-TAK stands for ATAK, WinTAK or TAK Server. The format is that of MITRE, *Cursor-on-Target Message
-Router User's Guide* (base event 2.0), and of the drawn shapes of ATAK (``u-d-f``: a closed line of
-``link`` points).
+TAK stands for ATAK, WinTAK or TAK Server. The format follows MITRE, *Cursor-on-Target Message
+Router User's Guide* (base event 2.0), and ATAK's drawn shapes (``u-d-f``: a closed line of ``link``
+points).
 
 ``hae`` is the height above the ellipsoid, but autopilots report heights above mean sea level. The
 difference, up to 100 m, is not available, so ``hae`` is sent as unknown and the remarks contain the
@@ -20,7 +20,7 @@ from shapely.geometry import LineString, Point, Polygon, shape
 
 from mission_service.runtime.published_states import MissionState, TelemetryState
 
-# Friendly drones: fixed wing (also VTOLs), rotary wing.
+# Friendly drones: fixed wing (including VTOLs), rotary wing.
 TYPES = {"plane": "a-f-A-M-F-Q", "vtol": "a-f-A-M-F-Q", "copter": "a-f-A-M-H-Q"}
 DRAWN, CHAT, PING = "u-d-f", "b-t-f", "t-x-c-t"
 PONG = re.compile(rb"type=[\"']t-x-c-t-r[\"']")  # an answer to a ping
@@ -37,7 +37,7 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def zulu(unix_us: int) -> str:
-    """Return a time in the format of Cursor on Target: 2026-11-22T00:30:00.000Z."""
+    """Return a time in Cursor on Target format: 2026-11-22T00:30:00.000Z."""
     when = _EPOCH + timedelta(microseconds=unix_us)
     return f"{when:%Y-%m-%dT%H:%M:%S}.{when.microsecond // 1000:03d}Z"
 
@@ -101,7 +101,7 @@ def mission_event(state: MissionState, site: str, unix_us: int, stale_us: int) -
 
 
 def chat_event(text: str, site: str, message_id: str, unix_us: int) -> bytes:
-    """Return a chat message of the service to all chat rooms; ``message_id`` makes it unique."""
+    """Return a chat message from the service to all chat rooms; ``message_id`` makes it unique."""
     sender, room = f"{site}.service", "All Chat Rooms"
     uid = f"GeoChat.{sender}.{room}.{message_id}"
     event = _event(uid, CHAT, TYPED, unix_us, CHAT_STALE_US)
@@ -124,7 +124,7 @@ def chat_event(text: str, site: str, message_id: str, unix_us: int) -> bytes:
 
 
 def ping_event(unix_us: int) -> bytes:
-    """Return a ping, which TAK servers answer and do not pass on."""
+    """Return a ping, which TAK servers answer but do not forward."""
     event = _event("mission-service-ping", PING, MACHINE_GPS, unix_us, PING_STALE_US)
     _point(event, 0.0, 0.0)
     return ElementTree.tostring(event)
@@ -133,7 +133,7 @@ def ping_event(unix_us: int) -> bytes:
 class CotLine(NamedTuple):
     """A line or an outline (longitude, latitude) with its colours; ``fill`` may be empty."""
 
-    uid: str  # after the name of the site
+    uid: str  # follows the site's name
     title: str
     line: LineString
     colour: str

@@ -1,9 +1,9 @@
 """Exchanges Cursor on Target events by UDP (also multicast), TCP or TLS (table ``[service.cot]``).
 
 The run never waits for a receiver. Each round sends the current state and drops events that cannot
-be sent. Events that arrive on the connection are processed as reports of people
-(``event_receiver.py``), or are dropped without ``[service.cot.reports]`` and
-``[service.cot.people]``.
+be sent. Events that arrive on the connection are processed as people's reports
+(``event_receiver.py``), or dropped if neither ``[service.cot.reports]`` nor
+``[service.cot.people]`` is configured.
 """
 
 import asyncio
@@ -37,7 +37,7 @@ from mission_service.runtime.clocks import clock_us, wall_us
 if TYPE_CHECKING:
     from mission_service.runtime.run_context import RunContext
 
-FIRE_EVERY = 10  # front and missions are sent once in this many rounds
+FIRE_EVERY = 10  # the front and missions are sent once in this many rounds
 FORECAST_EVERY, FORECAST_MIN = 60, (30.0, 60.0)
 ROUNDS_UNTIL_STALE = 3
 MIN_WAIT_S, MAX_WAIT_S = 1.0, 8.0
@@ -60,11 +60,11 @@ def cot_interface(
 
 
 class CotSender:
-    """The sender of one run's events, which also makes the receiver of events."""
+    """The sender of one run's events, which also creates the receiver of events."""
 
     def __init__(self, context: "RunContext", settings: CotSection, site: str) -> None:
         self._context, self._settings, self._site = context, settings, site
-        self._url = settings.url  # of the latest attempt to connect
+        self._url = settings.url  # URL of the latest connection attempt
         self._sent: dict[str, int] = {}  # last version sent, by vehicle
         self._chat = AlarmChat(settings.chat, site)
         self._shapes: dict[str, asyncio.Task[list[bytes]]] = {}  # by name, until they are sent
@@ -101,7 +101,7 @@ class CotSender:
                 work.cancel()
 
     async def _connect(self) -> CotTransport:
-        """Connect. Raises OSError, TimeoutError, MissionServiceError, or UnicodeError for a host.
+        """Connect. Raises OSError, TimeoutError, MissionServiceError, or, for a host, UnicodeError.
 
         The certificates are read again, because they may have been replaced.
         """
@@ -163,7 +163,7 @@ class CotSender:
     def _begin(
         self, name: str, shapes: Callable[[int], Coroutine[Any, Any, list[bytes]]], stale_us: int
     ) -> None:
-        """Begin to compute shapes for a later round, unless the last ones have not been sent."""
+        """Begin computing shapes for a later round, unless earlier ones are still waiting."""
         if name not in self._shapes:
             self._shapes[name] = asyncio.create_task(shapes(stale_us))
 

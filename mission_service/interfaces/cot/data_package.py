@@ -1,9 +1,9 @@
-"""Reads the connection data packages that TAK servers give to clients (ATAK, WinTAK, iTAK).
+"""Reads the connection data packages that TAK servers issue to clients (ATAK, WinTAK, iTAK).
 
 A package is a ZIP file: ``MANIFEST/manifest.xml`` lists its files (iTAK: no manifest); a ``.pref``
 file contains the address of the server, the names of two PKCS #12 files and their passwords; the
-PKCS #12 files contain the authority of the server's certificate, and the certificate and key of the
-client. Paths in the ``.pref`` file are those on a phone, so that files are found by name.
+PKCS #12 files contain the authority of the server's certificate, and the client's certificate and
+key. Paths in the ``.pref`` file are those on a phone, so files are found by name.
 """
 
 import lzma
@@ -68,7 +68,7 @@ def read_data_package(path: Path, password: str | None, key_password: bytes) -> 
 
 
 def _unpacked(path: Path) -> dict[str, bytes]:
-    """Return the files of a package by name in lower case, without folders."""
+    """Return the files of a package by lower-case name, without folders."""
     found: dict[str, bytes] = {}
     left = MAX_PACKAGE_BYTES
     try:
@@ -161,7 +161,7 @@ def _authorities(name: str, data: bytes, password: bytes, path: Path) -> str:
 def _client_certificate(
     name: str, data: bytes, password: bytes, key_password: bytes, path: Path
 ) -> bytes:
-    """Return the encrypted key and the certificates of the client, one PEM text."""
+    """Return the encrypted key and the certificates of the client as one PEM text."""
     from cryptography.hazmat.primitives.serialization import (
         BestAvailableEncryption,
         Encoding,

@@ -1,13 +1,12 @@
 """Splits the byte stream from a TAK server into Cursor on Target events. Sans-IO.
 
-A server sends one XML event after the other; each event ends with ``</event>`` (TAK protocol
-version 0, "Traditional Protocol"). A server sends the binary version 1 only to clients that request
-it.
+A server sends one XML event after another; each event ends with ``</event>`` (TAK protocol version
+0, "Traditional Protocol"). A server sends the binary version 1 only to clients that request it.
 """
 
 import re
 
-MAX_EVENT_BYTES = 64 * 1024  # a shape of 1000 places has about 55 kB, and is read in 20 ms
+MAX_EVENT_BYTES = 64 * 1024  # a shape of 1000 points takes about 55 kB, and is read in 20 ms
 _END = b"</event>"
 _BEGIN = re.compile(rb"<event[\s>]")
 
@@ -35,11 +34,11 @@ class EventFramer:
         if len(self._buffer) > MAX_EVENT_BYTES:
             self.too_long += not self._skips
             self._skips = True
-            del self._buffer[: -len(_END) + 1]  # keep a possible part of an end
+            del self._buffer[: -len(_END) + 1]  # keep what may be part of an end tag
         return [event_in(each) for each in events]
 
 
 def event_in(data: bytes) -> bytes:
-    """Return the bytes from the last ``<event`` on, or all bytes if there is none."""
+    """Return the bytes from the last ``<event`` onwards, or all bytes if there is none."""
     begins = [found.start() for found in _BEGIN.finditer(data)]
     return data[begins[-1] :] if begins else data

@@ -31,7 +31,7 @@ MAX_BAD_EVENTS = 1000
 
 
 class EventReceiver:
-    """The receiver of one run, which is kept when a connection is lost."""
+    """The receiver of one run; it outlives lost connections."""
 
     def __init__(self, context: "RunContext", settings: CotSection, site: str) -> None:
         self._context = context
@@ -61,7 +61,7 @@ class EventReceiver:
             self.on_unreadable(str(error))
 
     def _process(self, event: CotEvent) -> None:
-        """Process an event of another sender. Raises CotEventError for one that is not usable."""
+        """Process an event from another sender. Raises CotEventError if the event is not usable."""
         if self._settings.people is not None:
             person = person_in(event, self._settings.people, wall_us())
             if person is not None:

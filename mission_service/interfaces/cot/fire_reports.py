@@ -1,8 +1,8 @@
-"""Finds the reports of people about the fire among received Cursor on Target events. Pure.
+"""Finds people's reports about the fire among received Cursor on Target events. Pure.
 
 By convention, the title of a marker or shape that reports fire is one of the words in ``STATES``,
 alone or with a number ("burned", "Burned 3"). All other events are not reports, because most
-markers of an incident do not state where the fire is.
+markers of an incident do not show where the fire is.
 """
 
 import re
@@ -18,7 +18,7 @@ from mission_service.interfaces.cot.received_events import (
 )
 from mission_service.runtime.observation_sources import report_digest
 
-MAX_NAME = 80  # of a request
+MAX_NAME = 80  # limit for names in requests
 
 State = Literal["burned", "burning", "unburned"]
 STATES: dict[str, State] = {
@@ -32,7 +32,7 @@ _TITLE = re.compile(rf"({'|'.join(STATES)})[ ._-]{{0,3}}[0-9]{{0,6}}", re.ASCII 
 
 
 class FireReport(NamedTuple):
-    """A marker or shape that states where the fire is. ``report_digest`` returns ``digest``."""
+    """A marker or shape that shows where the fire is. ``report_digest`` returns ``digest``."""
 
     uid: str
     title: str
@@ -51,7 +51,7 @@ class FireReport(NamedTuple):
 
 
 def station_of(creator: Creator) -> str:
-    """Return the station of a creator in requests."""
+    """Return a creator's station in requests."""
     return f"{TAK_STATION}{creator.uid}"[:MAX_NAME]
 
 
@@ -67,7 +67,7 @@ def state_in(title: str) -> State | None:
 
 
 def reports_in(event: CotEvent) -> list[FireReport]:
-    """Return the reports in an event: one for each of its shapes, none in any other event.
+    """Return the reports in an event: one for each of its shapes; none if it is not a report.
 
     Raises CotEventError for a report that cannot be used.
     """

@@ -9,7 +9,7 @@ def person_in(event: CotEvent, settings: CotPeopleSection, unix_us: int) -> Pers
     """Return the position of a person in an accepted group with an accepted role, or None.
 
     The time of the position is that of the event, at most ``unix_us`` (microseconds since 1970),
-    because clocks of devices may be ahead. Raises CotEventError if the position is not on the
+    because the clocks of devices may be ahead. Raises CotEventError if the position is not on the
     Earth.
     """
     if not event.is_user:

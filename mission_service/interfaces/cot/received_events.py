@@ -6,7 +6,7 @@ The parts of events are those that ATAK, WinTAK and iTAK send:
 - markers (``a-…``, ``b-m-p-…``) and drawn shapes: ``u-d-f`` (lines and polygons), ``u-d-r``
   (rectangles), ``u-d-c-c`` (circles), ``u-d-f-m`` (telestrations: the text of an event for each
   stroke);
-- ``creator`` or ``link`` with the relation ``p-p``: the user that made a marker or shape, and the
+- ``creator`` or ``link`` with the relation ``p-p``: the user who made a marker or shape, and the
   time of creation. A shape contains no group; the group of its creator applies.
 
 ``time`` is the time at which an event was sent. A client sends an unchanged shape again with a new
@@ -26,7 +26,7 @@ from mission_service.ground_distance import M_PER_DEG
 from mission_service.interfaces.cot.cot_events import zulu
 from mission_service.interfaces.cot.event_framing import MAX_EVENT_BYTES
 
-MESH_HEADER = b"\xbf\x01\xbf"  # of a datagram of TAK protocol version 1
+MESH_HEADER = b"\xbf\x01\xbf"  # begins a datagram of TAK protocol version 1
 UNKNOWN_ERROR_M = 9_999_999.0  # ``ce`` of positions without a known error
 MAX_TEXT = 200  # longer identifiers and titles are refused
 ELLIPSE_CORNERS = 36
@@ -43,7 +43,7 @@ class CotEventError(MissionServiceError):
 
 
 class Creator(NamedTuple):
-    """The user that made a marker or a shape, and the time of creation, if it is known."""
+    """The user who made a marker or a shape, and the time of creation, if known."""
 
     uid: str
     callsign: str
@@ -200,7 +200,7 @@ def _creator_in(detail: Element, uid: str) -> Creator | None:
 
 
 def _creator_elements(detail: Element) -> Iterator[tuple[Element, str, str]]:
-    """Yield the elements that may name a creator, with their keys of callsign and time."""
+    """Yield the elements that may name a creator, with the keys of their callsign and time."""
     for each in detail.findall("creator"):
         yield each, "callsign", "time"
     for each in detail.findall("link"):
@@ -256,7 +256,7 @@ def _child(element: Element, tag: str) -> Element:
 
 
 def _text(element: Element, key: str) -> str:
-    """Return an attribute as one line without surrounding blanks; "" if it is missing."""
+    """Return an attribute as one line without surrounding whitespace; "" if it is missing."""
     text = "".join(each if each.isprintable() else " " for each in element.get(key, "")).strip()
     if len(text) > MAX_TEXT:
         raise CotEventError(f"{key} has {len(text)} characters; the limit is {MAX_TEXT}")

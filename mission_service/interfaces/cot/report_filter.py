@@ -16,10 +16,10 @@ from mission_service.interfaces.cot.received_events import CotEvent
 from mission_service.interfaces.limits import RateLimiter
 
 MAX_USERS, MAX_SEEN, MAX_WAITING = 2000, 4096, 64
-WAIT_S = 120.0  # for the position of a creator; clients send their positions each minute or sooner
-MAX_AHEAD_S = 30.0  # tolerance for clocks of clients
-USER_RATE_S, USER_BURST = 0.5, 20.0  # reports of one user
-TOTAL_RATE_S, TOTAL_BURST = 1.0, 40.0  # of all users, because a sender can use any uid
+WAIT_S = 120.0  # to wait for a creator's position; clients send theirs every minute or more often
+MAX_AHEAD_S = 30.0  # tolerance for the clocks of clients
+USER_RATE_S, USER_BURST = 0.5, 20.0  # for the reports of one user
+TOTAL_RATE_S, TOTAL_BURST = 1.0, 40.0  # for all users together, because a sender can use any uid
 RETRY_S = 60.0  # a refused report is tried again if it arrives after this time
 ALL = ""
 
@@ -28,7 +28,7 @@ Value = TypeVar("Value")
 
 
 class User(NamedTuple):
-    """A user of TAK, as in the last event with the user's position."""
+    """A TAK user, as described in the last event with the user's position."""
 
     callsign: str
     group: str
@@ -73,12 +73,12 @@ class ReportFilter:
     """The users and the reports of one run. All tables are bounded."""
 
     def __init__(self, settings: CotReportsSection, is_journalled: Callable[[bytes], bool]) -> None:
-        """Begin without users.
+        """Start with no users.
 
         Args:
             settings: The accepted groups and roles, and the errors of reports.
-            is_journalled: Returns whether the journal has a report with a digest, for example from
-                before a restart.
+            is_journalled: Returns whether the journal contains a report with a digest, for example
+                from before a restart.
         """
         self._settings = settings
         self._is_journalled = is_journalled
@@ -208,7 +208,7 @@ def _key(report: FireReport) -> Key:
 
 
 def _store(table: OrderedDict[Any, Value], key: Any, value: Value, most: int) -> None:
-    """Store a value as the newest; remove the oldest above the limit."""
+    """Store a value as the newest; remove the oldest one above the limit."""
     table[key] = value
     table.move_to_end(key)
     if len(table) > most:

@@ -12,7 +12,7 @@ from mission_service.runtime.clocks import clock_us, wall_us
 
 ANSWER_S = 5.0  # time limit for connecting and for sending an event
 PING_S = 3.0
-SILENT_S = 12.0  # a connection to a server that has answered a ping is then lost
+SILENT_S = 12.0  # after this silence, a connection to a server that answers pings is lost
 MAX_DATAGRAM_BYTES = 65_535
 
 
@@ -26,7 +26,7 @@ class CotTransport(Protocol):
         """Wait; return earlier if the connection ends."""
 
     def alive_us(self) -> int:
-        """Return the last time (monotonic) at which the connection worked, as far as known."""
+        """Return the last monotonic time at which the connection is known to have worked."""
 
     def close(self) -> None:
         """Close the transport."""
@@ -65,7 +65,7 @@ class Datagrams:
         await asyncio.sleep(seconds)
 
     def alive_us(self) -> int:
-        """Return the present time, because UDP has no connection."""
+        """Return the current time, because UDP has no connection."""
         return clock_us()
 
     def close(self) -> None:
@@ -100,9 +100,9 @@ def joined_group(address: tuple[Any, ...], family: int) -> socket.socket:
 
 
 class Stream:
-    """A TCP or TLS connection to a TAK server; ``receiver`` processes the events of the server.
+    """A TCP or TLS connection to a TAK server; ``receiver`` processes the server's events.
 
-    The server receives pings, to which TAK servers answer. If a server has answered a ping and then
+    The server receives pings, which TAK servers answer. If a server has answered a ping and then
     sends nothing for ``SILENT_S``, for example because its network has failed, reading raises
     TimeoutError, and the connection counts as lost.
     """
@@ -122,7 +122,7 @@ class Stream:
     async def send_event(self, event: bytes) -> None:
         """Send an event; wait up to ``ANSWER_S`` for a slow server."""
         if self._reading.done():
-            self._reading.result()  # for example, a server refuses a certificate after connecting
+            self._reading.result()  # for example, a server refused a certificate after connecting
             raise ConnectionResetError("the server has closed the connection")
         self._writer.write(event + b"\n")
         async with asyncio.timeout(ANSWER_S):
@@ -135,7 +135,7 @@ class Stream:
     def alive_us(self) -> int:
         """Return the monotonic time in µs of the last data from a server that answers pings.
 
-        Otherwise return the time of the disconnection, or the present time while connected.
+        Otherwise return the time of the disconnection, or the current time while connected.
         """
         if self._answers:
             return self._received_us

@@ -24,7 +24,7 @@ class TakEndpoint(NamedTuple):
 
     @property
     def url(self) -> str:
-        """The address in one text."""
+        """The address as one text."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.scheme}://{host}:{self.port}"
 

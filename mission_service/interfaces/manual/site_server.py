@@ -36,7 +36,7 @@ def unpack_site(folder: Path, site: Path = SITE) -> None:
 
 
 def site_server(port: int, folder: Path) -> ThreadingHTTPServer:
-    """Return a server of the files in a folder, which listens on loopback.
+    """Return a server for the files in a folder; the server listens on loopback.
 
     Args:
         port: The port to listen on; 0 selects a free port.

@@ -17,8 +17,8 @@ from mission_service.interfaces.maps.mercator import (
     mercator_of,
 )
 
-SIDE_PX = 512  # of the longer side of an overlay
-MAX_PICTURES = 48  # in the cache, each of at most 1 MB
+SIDE_PX = 512  # length of the longer side of an overlay
+MAX_PICTURES = 48  # number in the cache, each of at most 1 MB
 LonLat = tuple[float, float]
 
 
@@ -79,7 +79,7 @@ def image_png(image: SensorImage, landscape: Landscape) -> bytes:
 
 
 def overlay_of(image: SensorImage, landscape: Landscape) -> tuple[Box, int, int]:
-    """Return the box in metres of Web Mercator, the width and the height in pixels of an overlay.
+    """Return an overlay's box in Web Mercator metres, and its width and height in pixels.
 
     The box contains ``image.bounds``. Its longer side has ``SIDE_PX`` pixels.
     """
@@ -99,7 +99,7 @@ def overlay_of(image: SensorImage, landscape: Landscape) -> tuple[Box, int, int]
 
 
 def described(source: str, image: SensorImage, landscape: Landscape) -> MapImage:
-    """Return a sensor's image for the map, with position, error of position, and legend."""
+    """Return a sensor's image for the map, with its position, position error and legend."""
     box, width, height = overlay_of(image, landscape)
     west, south, east, north = bounds_deg(box)
     lat_deg, lon_deg = landscape.lat_lon_of(*landscape.xy_of(*image.centre))

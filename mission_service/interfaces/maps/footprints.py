@@ -62,7 +62,7 @@ def _parts(
 
 
 def _drawn(report: FireObserved) -> dict[str, Any]:
-    """Return the geometry of a report, in the order of its points."""
+    """Return the geometry of a report, with its points in order."""
     places = [[lon_deg, lat_deg] for lat_deg, lon_deg in report.points]
     match report.shape:
         case "points":

@@ -26,7 +26,7 @@ def front_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """Return the area burned at a time (see ``burned_area``) as a GeoJSON Feature.
+    """Return the area burned at the given time (see ``burned_area``) as a GeoJSON Feature.
 
     ``props`` are additional properties. The Feature has no coordinates if nothing has burned.
     """
@@ -43,7 +43,7 @@ def contours_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """Return a FeatureCollection with ``front_geojson`` at each time, the latest time first."""
+    """Return a FeatureCollection with ``front_geojson`` for each time, the latest first."""
     return _collection(
         [
             front_geojson(arrival_s, landscape, at_s, now_s, start_area=start_area, **props)

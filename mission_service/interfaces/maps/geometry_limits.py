@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-MAX_PAIRS = 3_000_000  # pairs in one file; real perimeters have about four for each vertex
+MAX_PAIRS = 3_000_000  # pairs in one file; real perimeters have about four per vertex
 # Pairs in one invalid shape, and additional pairs for each of its vertices.
 MAX_PAIRS_REPAIRED, MORE_A_VERTEX = 5_000, 10
 AT_ONCE = 16  # segments per query, to limit the pairs that one query returns

@@ -20,7 +20,7 @@ Box = tuple[float, float, float, float]  # west, south, east, north
 
 
 def mercator_of(lon_deg: Any, lat_deg: Any) -> tuple[Any, Any]:
-    """Return the position x, y in metres of Web Mercator."""
+    """Return the position x, y in Web Mercator metres."""
     y_m = RADIUS_M * np.arctanh(np.sin(np.deg2rad(lat_deg)))
     return RADIUS_M * np.deg2rad(lon_deg), y_m
 
@@ -42,19 +42,19 @@ def outline_of(landscape: Landscape) -> Floats:
 
 
 def mercator_box(landscape: Landscape) -> Box:
-    """Return the extent of the landscape, in metres of Web Mercator."""
+    """Return the extent of the landscape in Web Mercator metres."""
     x_m, y_m = mercator_of(*outline_of(landscape).T)
     return float(x_m.min()), float(y_m.min()), float(x_m.max()), float(y_m.max())
 
 
 def bounds_deg(box: Box) -> list[float]:
-    """Return a box in metres of Web Mercator as west, south, east, north in degrees."""
+    """Return a box in Web Mercator metres as west, south, east, north in degrees."""
     lon, lat = lon_lat_of(box[0::2], box[1::2])
     return [float(lon[0]), float(lat[0]), float(lon[1]), float(lat[1])]
 
 
 def cell_mercator_m(landscape: Landscape) -> float:
-    """Return a cell's side length in metres of Web Mercator, at the centre of the landscape."""
+    """Return a cell's side length in Web Mercator metres at the centre of the landscape."""
     rows, cols = landscape.shape
     lat, _ = landscape.lat_lon_of(*landscape.xy_of(rows / 2, cols / 2))
     return landscape.cell_size_m / math.cos(math.radians(lat))

@@ -19,7 +19,7 @@ from mission_service.interfaces.maps.mercator import (
 
 PIXELS_A_CELL = 2.0  # preserves the edges of cells in the warped image
 MAX_PIXELS = 2048  # pixels along a side
-OPAQUE = 185  # opacity, of 255
+OPAQUE = 185  # opacity, out of 255
 COLOURS = 250
 # Nine colours of matplotlib's inferno without its black end, which resembles a shadow.
 INFERNO = (
@@ -88,8 +88,8 @@ def _frame(landscape: Landscape) -> _Frame:
     pixel_m = max(
         cell_mercator_m(landscape) / PIXELS_A_CELL, max(east - west, north - south) / MAX_PIXELS
     )
-    # The number of pixels is rounded up to a whole one, which extends the frame to the south and
-    # the east.
+    # The number of pixels is rounded up to an integer, which extends the frame to the south and the
+    # east.
     width, height = math.ceil((east - west) / pixel_m), math.ceil((north - south) / pixel_m)
     box = west, north - height * pixel_m, west + width * pixel_m, north
     row, col = np.rint(grid_positions(landscape, box, width, height)).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Exports the fire's perimeter with the field names of WFIGS, not marked as approved."""
+"""Exports the fire's perimeter with WFIGS field names, not marked as approved."""
 
 from datetime import datetime
 from typing import Any
@@ -25,7 +25,7 @@ def perimeter_geojson(
     time_zero: datetime | None = None,
     start_area: StartArea | None = None,
 ) -> dict[str, Any]:
-    """Return a FeatureCollection of the perimeter at a time.
+    """Return a FeatureCollection of the perimeter at the given time.
 
     The properties are those of the US interagency perimeters (WFIGS), without the prefix ``poly_``.
     Times are in ms since 1970 UTC.

@@ -38,7 +38,7 @@ FIELDS = {
     "current_unix_ms": ("DateCurrent", "modify_date"),
     "created_unix_ms": ("CreateDate", "created_date"),
 }
-FAR_APART_MS = 24 * 3600 * 1000  # a larger difference of two times in one record causes a note
+FAR_APART_MS = 24 * 3600 * 1000  # a larger difference between two times in one record causes a note
 AREAS_DIFFER = 0.1
 SMALL_SHARE = 0.001
 LONGEST_TEXT = 200

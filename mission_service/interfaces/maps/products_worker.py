@@ -1,4 +1,4 @@
-"""Writes the products of a run in a separate process, because they take many seconds of computing.
+"""Writes the products of a run in a separate process, because they take many seconds to compute.
 
 The process reads a ``ProductsJob`` (msgpack) from standard input and writes a zip file to standard
 output, or one line to standard error and exits with 1.

@@ -1,4 +1,4 @@
-"""Reads uploaded GeoTIFFs of burned, unburned and unseen cells as requests ``raster``."""
+"""Reads uploaded GeoTIFFs of burned, unburned and unseen cells as ``raster`` requests."""
 
 import math
 from typing import Any
@@ -21,15 +21,15 @@ COARSER = 1.5  # above this ratio of cell sizes, a cell has the most frequent st
 def read_raster(
     data: bytes, file_name: str, bounds: tuple[float, float, float, float]
 ) -> dict[str, Any]:
-    """Return the keys of a request ``raster`` for a GeoTIFF: its edges and rows.
+    """Return the keys of a ``raster`` request for a GeoTIFF: its edges and rows.
 
-    The pixels are 1 for burned and 0 for unburned ground; 255 and the nodata value of the file are
-    ground that was not seen. Because 255 often means fire in other files, a file with 255 and
-    without 1 must declare 255 as its nodata value. A raster in another CRS is resampled to latitude
+    The pixels are 1 for burned and 0 for unburned ground; 255 and the nodata value of the file mark
+    ground that was not seen. Because 255 often means fire in other files, a file that contains 255
+    but not 1 must declare 255 as its nodata value. A raster in another CRS is resampled to latitude
     and longitude. Only the part within ``bounds`` (west, south, east, north, in degrees) is used,
     with at most ``MAX_SIDE_CELLS`` cells on each side.
 
-    Raises FireModelError with one line for a file that is unusable.
+    Raises FireModelError, with a one-line text, for an unusable file.
     """
     import rasterio
     from rasterio.errors import RasterioError

@@ -23,7 +23,7 @@ async def front_now(context: "RunContext") -> dict[str, Any]:
 
 
 async def expected_fronts(context: "RunContext", in_min: Sequence[float]) -> list[dict[str, Any]]:
-    """Return the areas expected to have burned after the given minutes, GeoJSON Features.
+    """Return the areas expected to have burned after the given minutes, as GeoJSON Features.
 
     The latest time comes first. The features are computed in a thread. Raises FireModelError if no
     forecast is possible.

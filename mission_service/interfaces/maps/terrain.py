@@ -91,7 +91,7 @@ class TerrainTiles:
 
 
 def tile_box(z: int, x: int, y: int) -> Box:
-    """Return the edges of a tile in metres of Web Mercator."""
+    """Return the edges of a tile in Web Mercator metres."""
     side = WORLD_M / 2.0**z
     west, north = x * side - WORLD_M / 2.0, WORLD_M / 2.0 - y * side
     return west, north - side, west + side, north
@@ -169,6 +169,6 @@ def terrarium_png(heights: NDArray[np.floating]) -> bytes:
     value = np.rint((heights + TERRARIUM_ZERO_M) * 256.0).astype(np.uint32)
     pixels = np.stack([value >> 16, value >> 8 & 255, value & 255], axis=-1).astype(np.uint8)
     file = io.BytesIO()
-    # The lowest bits are noise, so a search for long matches would cost time without effect.
+    # The lowest bits are noise, so a search for long matches would take time without benefit.
     Image.fromarray(pixels).save(file, "PNG", compress_type=zlib.Z_HUFFMAN_ONLY)
     return file.getvalue()

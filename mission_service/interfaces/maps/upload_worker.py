@@ -27,8 +27,8 @@ from mission_service.interfaces.maps.thinning import thinned
 from mission_service.sensors.worker_process import limit_process
 
 MAX_RINGS = 50  # polygons and islands together
-EDGE_DEG = 1e-5  # a metre: corners on the edge of the landscape may be rounded to the outside
-MAX_POINTS = 900  # maximum in a correction; less than the limit for requests
+EDGE_DEG = 1e-5  # one metre: corners on the landscape's edge may be rounded outwards
+MAX_POINTS = 900  # maximum per correction; less than the limit for requests
 
 
 class Job(msgspec.Struct, tag="perimeter"):
@@ -105,7 +105,7 @@ def _correction(state: str, ring: Any) -> dict[str, Any]:
 
 
 def answer_to(job: Job | RasterJob) -> Done | RasterDone | Failed:
-    """Read the file of a job; return the result or the error."""
+    """Read a job's file; return the result or the error."""
     try:
         extent = shapely.Polygon(job.outline)
         if isinstance(job, RasterJob):
@@ -118,7 +118,7 @@ def answer_to(job: Job | RasterJob) -> Done | RasterDone | Failed:
 
 
 def main() -> None:
-    """Process one job, within limits of memory and time."""
+    """Process one job within memory and time limits."""
     limit_process()
     job = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Job | RasterJob)
     sys.stdout.buffer.write(msgspec.json.encode(answer_to(job)))

@@ -1,1 +1,1 @@
-"""MQTT: the connection to a broker, publications, commands, messages between vehicles."""
+"""MQTT: the connection to a broker, publications, commands, and messages between vehicles."""

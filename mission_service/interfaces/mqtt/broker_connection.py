@@ -26,7 +26,7 @@ from mission_service.errors import MissionServiceError
 
 MIN_WAIT_S, MAX_WAIT_S = 0.25, 2.0  # waiting time before the next attempt to connect
 KEEPALIVE_S = 5  # the connection counts as lost after twice this time without a packet
-ANSWER_S = 3.0  # time limit for a response of the broker
+ANSWER_S = 3.0  # time limit for a response from the broker
 TAKE_S = 15.0  # time limit for publishing: longer than the detection of a lost broker
 STEADY_S = 5.0  # only a longer connection resets the interval between attempts
 RECEIVE_BYTES = 32_768  # a larger socket buffer would only store outdated messages
@@ -86,9 +86,9 @@ def client_to(
     will: aiomqtt.Will | None = None,
     max_bytes: int | None = None,
 ) -> aiomqtt.Client:
-    """Return a client that is not connected yet and puts received messages in ``inbox``.
+    """Return an unconnected client that puts received messages in ``inbox``.
 
-    With ``max_bytes`` the client uses MQTT 5, and the broker sends no larger packet. Earlier
+    With ``max_bytes`` the client uses MQTT 5, and the broker sends no larger packets. Earlier
     versions of MQTT have no such limit, and the client holds each packet in memory as a whole.
     """
     version, properties = aiomqtt.ProtocolVersion.V311, None
@@ -178,7 +178,7 @@ class LastClientError(logging.Handler):
 
 
 async def together(*coroutines: Coroutine[Any, Any, None]) -> None:
-    """Run coroutines until one ends, cancel the others, and raise the exception of that one."""
+    """Run coroutines until one ends, cancel the others, then raise the first one's exception."""
     tasks = {asyncio.create_task(coroutine) for coroutine in coroutines}
     try:
         ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -178,7 +178,7 @@ def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
 
 
 def _id_in(payload: bytes) -> str | None:
-    """Return the id in a payload, even of an invalid command, or None without an id."""
+    """Return the id in a payload, even of an invalid command, or None if there is none."""
     if len(payload) > MAX_BYTES:
         return None
     try:

@@ -1,9 +1,9 @@
 """Exchanges MQTT messages between the UAVs of a formation that several processes control.
 
 Sending never waits for a broker. Each process puts its messages in a short queue, in which a newer
-state replaces an older state. By comparing digests, vehicles find cells of their maps that were
-lost with a message. Without a broker, all vehicles loiter in place, because a moving vehicle could
-not detect conflicts.
+state replaces an older state. By comparing digests, vehicles find map cells that were lost with a
+message. Without a broker, all vehicles loiter in place, because a moving vehicle could not detect
+conflicts.
 """
 
 import asyncio

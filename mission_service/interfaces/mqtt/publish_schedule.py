@@ -34,7 +34,7 @@ class Publication(NamedTuple):
 
 
 class PublishSchedule:
-    """A schedule of publications by a monotonic clock.
+    """A schedule of publications, based on a monotonic clock.
 
     States have QoS 0, because all of them are sent again over each new connection. Announcements
     have QoS 1, because no newer message replaces them.
@@ -47,7 +47,7 @@ class PublishSchedule:
         self._announcement_id = 0
 
     def begin(self) -> None:
-        """Mark all states as not sent, at the start of a new connection."""
+        """Mark all states as unsent, at the start of a new connection."""
         self._sent.clear()
 
     def states(self, context: "RunContext", now_us: int) -> Iterator[Publication]:

@@ -148,7 +148,7 @@ class Publisher:
         self._context.ring()
 
     def _lost(self, why: str) -> None:
-        """Raise the alarm; announce the loss unless a loss was announced shortly before."""
+        """Raise the alarm; announce the loss unless one was announced shortly before."""
         self.connected = False
         text = f"no MQTT broker at {self.site.broker}: {why}"
         now_us = clock_us()

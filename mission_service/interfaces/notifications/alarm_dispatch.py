@@ -69,7 +69,7 @@ class AlarmDispatch:
             self._ended.pop(key, None)
 
     def failed(self, now_s: float) -> None:
-        """Try again later: after 10 s, and after twice the time with each further failure."""
+        """Try again later: after 10 s, and after twice as long with each further failure."""
         wait_s = min(FIRST_RETRY_S * 2.0**self._failures, LAST_RETRY_S)
         self._failures, self._not_before_s = self._failures + 1, now_s + wait_s
 

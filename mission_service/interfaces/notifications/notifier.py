@@ -1,4 +1,4 @@
-"""Delivers alarms to the receivers of ``[[service.alarm_receivers]]`` with the library Apprise."""
+"""Delivers alarms to the receivers of ``[[service.alarm_receivers]]`` with the Apprise library."""
 
 import asyncio
 import logging
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 LOOK_S = 1.0  # interval between two checks of the alarms
 ANSWER_S = 30.0  # time limit for one delivery
-MAX_UNFINISHED = 8  # deliveries of one receiver that a server may keep open after the time limit
+MAX_UNFINISHED = 8  # deliveries to one receiver that a server may keep open after the time limit
 
 Deliver = Callable[[AlarmMessage], Coroutine[Any, Any, str]]
 
@@ -54,8 +54,8 @@ async def notify(
 ) -> None:
     """Send the alarms of a run to one receiver until cancelled.
 
-    ``deliver`` returns the reason for which a message was not delivered, or "". From a failed
-    delivery to the next successful one, the alarm ``notification/NAME`` is active.
+    ``deliver`` returns the reason why a message was not delivered, or "". From a failed delivery to
+    the next successful one, the alarm ``notification/NAME`` is active.
     """
     view, dispatch = context.state_view, AlarmDispatch(receiver, site)
     key = f"{OWN_KIND}/{receiver.name}"
@@ -95,7 +95,7 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
         hide(url)
     logging.getLogger("apprise").propagate = False  # the reasons are in the results
     # Without a timeout of its own, Apprise sends in the calling thread; its pool of threads would
-    # delay the end of the process, and servers without an answer would block all receivers.
+    # delay the end of the process, and servers that do not answer would block all receivers.
     asset = apprise.AppriseAsset(async_mode=False, service_timeout=0)
     service = apprise.Apprise(asset=asset)
     if not service.add(url):
@@ -126,9 +126,9 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
 
 
 def _in_daemon_thread(work: Callable[[], Any]) -> "Future[Any]":
-    """Start ``work`` in a thread that neither delays the end of the process nor other threads.
+    """Start ``work`` in a thread that delays neither the end of the process nor other threads.
 
-    The event loop's own threads are few, and the process ends only after them.
+    The event loop has few threads of its own, and the process ends only after them.
     """
     found: Future[Any] = Future()
     found.set_running_or_notify_cancel()  # a later cancellation has no effect
@@ -136,7 +136,7 @@ def _in_daemon_thread(work: Callable[[], Any]) -> "Future[Any]":
     def run() -> None:
         try:
             found.set_result(work())
-        except Exception as error:  # for the caller
+        except Exception as error:  # raised in the caller
             found.set_exception(error)
 
     threading.Thread(target=run, name="alarm delivery", daemon=True).start()

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 # A reversal is a flight back through at least FIRE_DEG around a fire, or TRACK_DEG around a track's
-# middle. TRACK_DEG is larger, because a track may contain loiters at any position.
+# centre. TRACK_DEG is larger, because a track may contain loiters at any position.
 FIRE_DEG, TRACK_DEG = 30.0, 60.0
-LEAP_DEG = 90.0  # a larger angle between two points means a flight across the middle
+LEAP_DEG = 90.0  # a larger angle between two points means a flight across the centre
 
 
 class Turn(NamedTuple):
@@ -23,10 +23,10 @@ class Turn(NamedTuple):
 
 
 def turns(east_m: Floats, north_m: Floats, min_deg: float, near_m: float) -> list[Turn]:
-    """Return the directions of travel around a middle; positions (n,) are in m from the middle.
+    """Return the directions of travel around a centre; positions (n,) are in m from the centre.
 
     A reversal is found when the vehicle has flown back by ``min_deg``, and is dated to the point
-    farthest along the previous direction. Points nearer to the middle than ``near_m`` are ignored,
+    farthest along the previous direction. Points closer to the centre than ``near_m`` are ignored,
     because their bearing is uncertain. Movements of less than ``min_deg`` are not found.
     """
     used = np.flatnonzero(np.hypot(east_m, north_m) >= near_m)

@@ -33,7 +33,7 @@ class Done(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """A planned drop, the actual drop and their distance; either drop may be missing."""
+    """A planned drop, the actual drop and the distance between them; either drop may be missing."""
 
     planned: Planned | None
     done: Done | None

@@ -21,7 +21,7 @@ class EntryCache(Generic[Entry]):
         self._reread: tuple[int, list[Entry]] = (-1, [])  # number and content of a block
 
     def get(self, number: int) -> Entry | None:
-        """Return the entry with an index, or None after the end of the stream.
+        """Return the entry at an index, or None after the end of the stream.
 
         The index must not exceed the largest index of earlier calls by more than one.
         """

@@ -1,4 +1,4 @@
-"""Analyses the fire in a journal and the observation of the fire, by replaying the run.
+"""Analyses the fire in a journal, and its observation, by replaying the run.
 
 A new core processes the events, so that the planners' estimates at each time are available. The
 fire is simulated again.
@@ -39,7 +39,7 @@ from mission_service.runtime.state_view import edge_text
 Floats = NDArray[np.float64]
 
 SAMPLE_US = 30_000_000
-RECENT_S = 600.0  # a part of the front that was observed within this time is covered
+RECENT_S = 600.0  # a part of the front observed within this time counts as covered
 VISIT_S = 30.0  # observations with shorter gaps belong to the same visit
 
 
@@ -57,7 +57,7 @@ class Upload:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """The observation of the front at a time: fractions of 360 bearings, times since observed."""
+    """The front's coverage at one time: fractions of 360 bearings, and times since observation."""
 
     at_us: int
     area_ha: float
@@ -93,7 +93,7 @@ class FireAnalysis:
     directions: dict[str, list[tuple[int, bool | None]]] = field(default_factory=dict)
     uploads: list[Upload] = field(default_factory=list)
     log: list[LogLine] = field(default_factory=list)
-    # Warnings about the scenario, then about fire at the edge of the landscape.
+    # Warnings about the scenario, then about fire at the landscape's edge.
     warnings: list[str] = field(default_factory=list)
     reached_edge_us: int | None = None  # mission time of the event ``FireReachedEdge``
 
@@ -104,7 +104,7 @@ class FireAnalysis:
 
 
 def circles_one_front(scenario: Scenario) -> bool:
-    """Return whether the planners of a scenario fly around one front, without bays and fingers.
+    """Return whether a scenario's planners fly around one front, without its bays and fingers.
 
     Other planners fly from front to front, and along bays, in any direction around the fire.
     """
@@ -220,7 +220,7 @@ class _Analyser:
         self._seen_s[in_view] = at_s
 
     def _note_direction(self, name: str, at_us: int) -> None:
-        """Record each change of the direction that the vehicle's planner has chosen."""
+        """Record each change in the direction chosen by the vehicle's planner."""
         planner: Any = self._core.decision_engine.planners[name]
         phase = getattr(planner, "phase", "approach")
         flies = self._core.decision_engine.availability[name].flies
@@ -250,7 +250,7 @@ class _Analyser:
                 self._estimates.append((at_us, name, shape.copy()))
 
     def _compare(self, fire: Fire) -> None:
-        """Compute the mean and maximum distance in m of planners' fronts from the fire front."""
+        """Compute the mean and maximum distance in m from planners' fronts to the fire front."""
         analysis = self._analysis
         analysis.area_ha = fire.burned_ha
         analysis.arrival_s = fire.burned_arrival_s()

@@ -52,7 +52,7 @@ class Flight(NamedTuple):
 
     @property
     def offset_us(self) -> int | None:
-        """Offset of the common clock to microseconds since 1970; None if unknown."""
+        """Offset from the common clock to microseconds since 1970; None if unknown."""
         offsets = [log.unix_offset_us() for log in self.logs]
         if len(offsets) == 1:
             return offsets[0]

@@ -1,4 +1,4 @@
-"""Computes the figures of logged flights, such as distances, speeds and times of missions."""
+"""Computes the figures of logged flights, such as distances, speeds and mission times."""
 
 import math
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from mission_service.replay.flights.drop_comparison import planned_in
 from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import Track
 
-MOVES_M_S = 1.0  # a slower vehicle counts as stationary, with drifting positions
+MOVES_M_S = 1.0  # a slower vehicle counts as stationary, with a drifting position
 SETTLES_US = 3_000_000
 FIRST_AUXILIARY, STEP_US = 5, 300  # servos 1 to 4 control the flight
 

@@ -79,7 +79,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 def messages_of(
     name: str, at_ns: int, event: LogEvent, rows: list[tuple[str, Row]]
 ) -> Iterator[Message]:
-    """Yield the messages of an event of the vehicle ``name``; ``rows`` are the event's rows."""
+    """Yield the messages for an event of vehicle ``name``; ``rows`` are the event's rows."""
     time = {"sec": at_ns // 1_000_000_000, "nsec": at_ns % 1_000_000_000}
     match event:
         case Position() if math.isfinite(event.lat_deg + event.lon_deg + event.altitude_amsl_m):

@@ -1,4 +1,4 @@
-"""Reads a journal as a log: events of vehicles become log entries with mission times."""
+"""Reads a journal as a log: vehicle events become log entries with mission times."""
 
 import math
 from collections.abc import Iterator

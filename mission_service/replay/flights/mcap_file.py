@@ -16,7 +16,7 @@ LIBRARY = "mission-service"
 
 
 def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], str]) -> None:
-    """Write all logs, with UTC times if all logs contain UTC, else with the times of the logs.
+    """Write all logs, with UTC times if all logs contain UTC, otherwise with the logs' own times.
 
     ``names`` contains the vehicles' names by the log's index and the system id.
     """

@@ -30,7 +30,7 @@ EVERY_US = 50_000  # minimum interval between replayed positions of a vehicle
 
 
 def entries_of(pairing: Pairing) -> Iterator[FlightEntry]:
-    """Yield the entries of a flight and the operators' requests about the fire, in order of time.
+    """Yield the entries of a flight and the operators' requests about the fire, in time order.
 
     Logs with hundreds of positions per second are thinned.
     """

@@ -22,7 +22,7 @@ from mission_service.runtime.run_outputs import VEHICLE_COLOURS
 Floats = NDArray[np.float64]
 Places = Callable[[Any, Any], tuple[Any, Any]]  # converts lat, lon to km on the axes
 
-MAX_MISSIONS = 6  # more missions would hide the map, and none is drawn
+MAX_MISSIONS = 6  # more missions would hide the map, so none is drawn
 GAP_US = 10_000_000
 MAX_LABELS = 8  # with more reversals, their positions have no labels
 DIFFERS = "#d500f9"
@@ -55,7 +55,7 @@ def coloured(run: RunAnalysis) -> list[tuple[str, VehicleAnalysis]]:
 
 
 def draw_map(run: RunAnalysis) -> Figure:
-    """Draw the fire, tracks, missions, reversals, drops, and flight against the planner."""
+    """Draw the fire, tracks, missions, reversals, drops and flight against the planner's choice."""
     figure, axes, places = _ground(run)
     handles: list[Any] = []
     for colour, vehicle in coloured(run):

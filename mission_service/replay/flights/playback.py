@@ -1,9 +1,9 @@
 """Plays a flight with pause and seek, and stores states from which a seek can start.
 
 A seek computes a second replay from the nearest earlier state, while the interfaces still show the
-first replay. When the second replay has reached the requested time, the second replay replaces the
-first. The computation is divided into short turns and therefore does not block the event loop.
-Pure: the caller passes the time.
+first replay. When the second replay has reached the requested time, it replaces the first. The
+computation is divided into short turns and therefore does not block the event loop. Pure: the
+caller passes the time.
 """
 
 from collections.abc import Callable
@@ -171,7 +171,7 @@ class Playback:
         return self.pairing.mission.log_us(entry.at_us)
 
     def _save(self, progress: _Progress) -> None:
-        """Save a state if the last saved state is old enough, within a limit of the total size."""
+        """Save a state if the last saved state is old enough, within a total size limit."""
         if progress.at_us < self._states[-1].at_us + self._every_us:
             return
         self._states.append(self._state_of(progress))

@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 
 # A reversal in the track this soon after a reversal in the mission is left out.
 FOLLOWS_US = 20_000_000
-# Bearings are uncertain within this radius of the middle: in cells, or as a fraction of the track.
+# Bearings are uncertain within this radius of the centre: in cells, or as a fraction of the track.
 NEAR_CELLS, NEAR_SHARE = 2.0, 0.25
 
 
@@ -156,7 +156,7 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
 def _merged(
     by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunAnalysis
 ) -> list[TurnedBack]:
-    """Return all reversals by time; one in the track soon after one in the mission is left out."""
+    """Return all reversals in time order, omitting track reversals soon after mission ones."""
     found = list(by_track)
     for turn in by_mission:
         after = [each for each in found if 0 <= each.at_us - turn.at_us <= FOLLOWS_US]
@@ -169,7 +169,7 @@ def _merged(
 
 
 def _find_directions(analysis: VehicleAnalysis, run: RunAnalysis) -> None:
-    """Find the directions of travel around the fire, or around the middle of the track."""
+    """Find the directions of travel around the fire, or around the centre of the track."""
     track = analysis.track
     home = analysis.flown.home
     ground_m = track[0, 3] if home is None else home[2]

@@ -128,7 +128,7 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
 
 
 def _links(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
-    """Return the figures of the links; logs of autopilots contain none."""
+    """Return the figures of the links; autopilot logs contain none."""
     statistics = None if fire is None else fire.record.vehicles.get(name)
     links = [] if statistics is None else statistics.sortie.links.of_links()
     switches = statistics.sortie.links.switches.total() if statistics and links else None

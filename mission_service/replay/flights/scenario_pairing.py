@@ -93,7 +93,7 @@ class Mission(NamedTuple):
     start_us: int  # start of the flight in mission time
 
     def of(self, log_us: int) -> int:
-        """Convert a time of the log's clock to mission time."""
+        """Convert a time on the log's clock to mission time."""
         return self.start_us + log_us - self.begin_us
 
     def log_us(self, mission_us: int) -> int:
@@ -108,7 +108,7 @@ def mission_time(
 
     This time is ``at_s`` if given, else computed from UTC if both log and scenario contain UTC
     times, else the time at which the scenario's vehicles take off. The times of journals are
-    mission times. Raises FlightError for a flight outside the time of the scenario.
+    mission times. Raises FlightError for a flight outside the scenario's time span.
     """
     begin_us, zero = found.zero_us, scenario.time_zero
     if at_s is not None:
@@ -188,11 +188,11 @@ def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
 def fireless_scenario(survey: Survey, name: str) -> Scenario:
     """Return a scenario with level ground around all tracks, for a flight without a scenario.
 
-    Mission time 0 is the start of the flight. A scenario requires an ignition: the ignition, in a
-    corner, and the deployment of vehicles are set to a month after the flight, so that no fire
-    burns and no planner makes decisions.
+    Mission time 0 is the start of the flight. A scenario requires an ignition; the ignition (in a
+    corner) and the vehicles' deployment are set to a month after the flight, so that no fire burns
+    and no planner makes decisions.
 
-    Raises FlightError if the logs have no positions, or positions too near to a pole for a map.
+    Raises FlightError if the logs have no positions, or positions too close to a pole for a map.
     """
     places = [place for flown in survey.flown.values() for place in flown.track]
     if not places:

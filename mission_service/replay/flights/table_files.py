@@ -1,4 +1,4 @@
-"""Writes tables as CSV and Parquet, with at most one group of rows in memory."""
+"""Writes tables as CSV and Parquet, with at most one row group in memory."""
 
 import csv
 from datetime import datetime

@@ -1,1 +1,1 @@
-"""The alarms and the announcements of a run, and the conditions that raise and clear them. Pure."""
+"""The alarms and announcements of a run, and the conditions that raise and clear them. Pure."""

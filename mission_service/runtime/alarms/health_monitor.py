@@ -1,4 +1,4 @@
-"""Raises and clears the alarm about delays of the event loop. Pure."""
+"""Raises and clears the alarm about event-loop delays. Pure."""
 
 from mission_service.commands import Severity
 from mission_service.runtime.state_view import StateView
@@ -7,7 +7,7 @@ LATE_US, LATE_SEVERE_US = 500_000, 3_000_000
 
 
 class HealthMonitor:
-    """A monitor that compares the intervals of its calls with the intended interval."""
+    """A monitor that compares the intervals between its calls with the intended interval."""
 
     def __init__(self, state_view: StateView, every_us: int) -> None:
         """Raise alarms in ``state_view``; ``check_delay`` is called every ``every_us``."""
@@ -16,7 +16,7 @@ class HealthMonitor:
         self._checked_us: int | None = None
 
     def check_delay(self, now_us: int) -> None:
-        """Check the delay of this call; ``now_us`` is the time of the machine's clock."""
+        """Check the delay of this call; ``now_us`` is the time on the machine's clock."""
         if self._checked_us is not None:
             late_us = now_us - self._checked_us - self._every_us
             if late_us >= LATE_US:

@@ -1,4 +1,4 @@
-"""Derives the other aircraft that interfaces show, from events and commands. Pure."""
+"""Derives, from events and commands, the other aircraft that interfaces show. Pure."""
 
 import math
 from typing import get_args
@@ -15,7 +15,7 @@ ALERTS: tuple[AircraftAlert, ...] = get_args(AircraftAlert)  # by level
 
 
 class AircraftView:
-    """The aircraft near each vehicle, and the alert levels about them."""
+    """The aircraft near each vehicle, and their alert levels."""
 
     def __init__(self) -> None:
         self._reported: dict[str, AircraftReported] = {}
@@ -26,14 +26,14 @@ class AircraftView:
         self._reported[event.vehicle] = event
 
     def on_level(self, vehicle: str, aircraft: str, level: int) -> None:
-        """Set the alert level of a vehicle about an aircraft; 0 ends the alert."""
+        """Set a vehicle's alert level for an aircraft; 0 ends the alert."""
         if level:
             self._levels[vehicle, aircraft] = level
         else:
             self._levels.pop((vehicle, aircraft), None)
 
     def nearby(self, telemetry: dict[str, TelemetryState]) -> list[NearbyAircraft]:
-        """Return each aircraft once, in the order of the identifiers."""
+        """Return each aircraft once, ordered by identifier."""
         found: dict[str, NearbyAircraft] = {}
         for name, event in sorted(self._reported.items()):
             fix = telemetry.get(name)

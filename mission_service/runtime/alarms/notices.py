@@ -1,4 +1,4 @@
-"""The alarms and announcements of a run, and the versions of the states that are shown. Pure."""
+"""A run's alarms and announcements, and the versions of the displayed states. Pure."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ MAX_RECORDS = 500
 
 
 class Notices:
-    """The alarms and the announcements of a run; ``version`` increases with each change."""
+    """The alarms and announcements of a run; ``version`` increases with each change."""
 
     def __init__(self, at_us: int, statistics: RunStatistics) -> None:
         self.at_us = at_us
@@ -105,7 +105,7 @@ class Notices:
         self.announce("fire", text, "warning")
 
     def announcements_after(self, line_id: int) -> list[Announcement]:
-        """Return the announcements after ``line_id``, without those before the last restart."""
+        """Return the announcements after ``line_id``, except those before the last restart."""
         return [
             line
             for line in self.announcements

@@ -1,4 +1,4 @@
-"""Raises and clears the alarms about aircraft that are near each other. Pure."""
+"""Raises and clears the alarms about aircraft that are too close to each other. Pure."""
 
 import math
 
@@ -16,7 +16,7 @@ FRESH_US = 3_000_000  # older positions are not compared
 def near_pairs(
     telemetry: dict[str, TelemetryState], at_us: int, separation_m: float
 ) -> dict[tuple[str, str], float]:
-    """Return the 3-D distances in metres of airborne pairs that are below ``separation_m``."""
+    """Return the 3-D distances in m of airborne pairs that are closer than ``separation_m``."""
     flying = [
         state
         for _, state in sorted(telemetry.items())
@@ -48,7 +48,7 @@ class ProximityAlarms:
         self._near: set[str] = set()
 
     def check_pairs(self, now_us: int) -> None:
-        """Check all pairs, at most once a second; ``now_us`` is the time of the machine's clock."""
+        """Check all pairs, at most once a second; ``now_us`` is the time on the machine's clock."""
         if now_us < self._due_us:
             return
         self._due_us = now_us + CHECK_EVERY_US

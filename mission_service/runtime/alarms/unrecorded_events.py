@@ -50,7 +50,7 @@ class UnrecordedEvents:
     def show(self, event: VehicleEvent, view: StateView) -> None:
         """Show operators an event that could not be journalled and was not handled.
 
-        Only modes that the autopilot or the pilot selected and texts of autopilots are shown.
+        Only autopilot texts, and modes selected by the autopilot or the pilot, are shown.
         """
         name = event.vehicle
         if isinstance(event, ModeChanged):
@@ -63,7 +63,7 @@ class UnrecordedEvents:
             view.announce(name, f"autopilot: {event.text}", "warning")
 
     def keeps_mode(self, command: AnyCommand, view: StateView) -> bool:
-        """Return whether a command of an abort is withheld because a mode was not journalled."""
+        """Return whether an abort's command is withheld because a mode was not journalled."""
         mode = self._modes.get(command.vehicle, MISSION)
         if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
             return False

@@ -12,11 +12,11 @@ from mission_service.events import Place
 from mission_service.ground_distance import M_PER_DEG
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-MARGIN_DEG = 0.05  # around the landscape, for pixels whose centre is outside
+MARGIN_DEG = 0.05  # margin around the landscape, for pixels whose centre is outside it
 
 
 class FileReport(msgspec.Struct, frozen=True, tag=True):
-    """A report on places (latitude, longitude), as in the event ``FireObserved``."""
+    """A report about positions (latitude, longitude), as in the event ``FireObserved``."""
 
     state: Literal["burned", "burning", "unburned", "smoke"]
     shape: Literal["points", "line", "polygon"]
@@ -72,14 +72,14 @@ class Grid(msgspec.Struct, frozen=True):
     cols: int
 
     def level_ground(self) -> Landscape:
-        """Return a landscape of level ground and one fuel on this grid."""
+        """Return a landscape with level ground and a single fuel on this grid."""
         fuel = np.ones((self.rows, self.cols), dtype=np.int16)
         level = np.zeros(fuel.shape, dtype=np.float32)
         return Landscape(self.crs, self.west_m, self.north_m, self.cell_size_m, fuel, level)
 
 
 def utc_of(unix_s: float) -> str:
-    """Convert a time in seconds since 1970 to a text in ISO 8601, in UTC."""
+    """Convert a time in seconds since 1970 to ISO 8601 text in UTC."""
     return (EPOCH + timedelta(seconds=unix_s)).isoformat()
 
 

@@ -1,4 +1,4 @@
-"""Reads a file of observations: shapes, satellite pixels or a raster. The format is detected.
+"""Reads an observation file: shapes, satellite pixels or a raster. The format is detected.
 
 ``read_observation_file`` reads the file in a separate process (``worker_process``), which runs
 ``main`` of this module.
@@ -26,9 +26,9 @@ from mission_service.sensors.worker_process import limit_process, output_of
 SHAPES = (".geojson", ".json", ".kml", ".kmz", ".gpkg", ".shp", ".zip")
 RASTERS, TABLES, IMAGES = (".tif", ".tiff"), (".csv", ".txt"), (".jpg", ".jpeg", ".png")
 SUFFIXES = (*SHAPES, *RASTERS, *TABLES, *IMAGES)
-PARTS = (".shx", ".dbf", ".prj", ".cpg")  # of a Shapefile
+PARTS = (".shx", ".dbf", ".prj", ".cpg")  # further files of a Shapefile
 MAX_FILE_BYTES = 64_000_000
-MAX_UNPACKED_BYTES = 64_000_000  # of an archive
+MAX_UNPACKED_BYTES = 64_000_000  # limit for an archive
 MODULE = "mission_service.sensors.files.observation_file"
 
 
@@ -133,7 +133,7 @@ def _refuse_large_archive(path: Path) -> None:
 
 
 def answer_to(job: FileJob) -> Usable | Unusable:
-    """Return the contents of the file of a job, or the reason why the file is not usable."""
+    """Return the contents of a job's file, or the reason why the file is not usable."""
     path = Path(job.path)
     try:
         return Usable(contents_of(path, job.grid.level_ground(), job.settings))
@@ -147,7 +147,7 @@ def answer_to(job: FileJob) -> Usable | Unusable:
 
 
 def main() -> None:
-    """Process the job on standard input, within limits of memory and time."""
+    """Process the job on standard input, within memory and time limits."""
     limit_process()
     job = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=FileJob)
     sys.stdout.buffer.write(msgspec.json.encode(answer_to(job)))

@@ -20,7 +20,7 @@ from mission_service.sensors.files.observation_file import PARTS, SUFFIXES, read
 from mission_service.sensors.sensor_files import file_part
 from mission_service.sensors.watched_folder import Change, WatchedFolder
 
-AHEAD_S = 300.0  # tolerated difference between the clocks of the source and of the service
+AHEAD_S = 300.0  # tolerated difference between the clocks of the source and the service
 
 
 class _Arrived(NamedTuple):
@@ -32,7 +32,7 @@ class _Arrived(NamedTuple):
 
 
 class ObservationFolder(WatchedFolder):
-    """A watched folder of files of observations."""
+    """A watched folder of observation files."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         """Check the folder. Raises ScenarioError if no folder is given, or if it does not exist."""
@@ -115,7 +115,7 @@ class ObservationFolder(WatchedFolder):
                 queue.append(_Arrived(path.name, part, each))
 
     def _files(self) -> dict[str, Change]:
-        """Return the last change of each file; the parts of a Shapefile count as one file."""
+        """Return the last modification of each file; the parts of a Shapefile count as one file."""
         files = super()._files()
         parts = {name: each for name, each in files.items() if name.lower().endswith(PARTS)}
         for name, (changed_ns, size) in parts.items():

@@ -30,7 +30,7 @@ MAX_CIRCLES = 1000
 
 
 def states_of(contents: FileContents, landscape: Landscape) -> NDArray[np.uint8]:
-    """Return the states (y, x) of the landscape's cells after all observations of a file."""
+    """Return the states (y, x) of the landscape's cells after all observations in a file."""
     found = np.full(landscape.shape, UNSEEN, dtype=np.uint8)
     for each in contents.observations:
         if isinstance(each, FileCells):

@@ -21,7 +21,7 @@ from mission_service.sensors.files.file_names import time_in_name
 from mission_service.sensors.one_line import one_line
 
 MAX_CELLS = 25_000_000
-MAX_WIDER = 2.0  # largest width of a raster's cell, in widths of a landscape's cell
+MAX_WIDER = 2.0  # largest width of a raster cell, as a multiple of a landscape cell's width
 TIME_TAGS = ("TIFFTAG_DATETIME", "ACQUISITIONDATETIME", "datetime")
 
 
@@ -67,7 +67,7 @@ def raster_contents(path: Path, landscape: Landscape, settings: FileSettings) ->
 def _time(path: Path, band: Band, settings: FileSettings) -> datetime:
     for tag in TIME_TAGS:
         text = band.tags.get(tag, "").strip()
-        if text[4:5] == text[7:8] == ":":  # the form of TIFF: 2026:07:04 19:37:11
+        if text[4:5] == text[7:8] == ":":  # TIFF format: 2026:07:04 19:37:11
             text = text[:10].replace(":", "-") + text[10:]
         with suppress(ValueError):
             found = time_in(text, settings.zone)

@@ -1,4 +1,4 @@
-"""Read fire detections of satellites from CSV files of FIRMS (VIIRS, MODIS and GOES). Pure.
+"""Read satellite fire detections from FIRMS CSV files (VIIRS, MODIS and GOES). Pure.
 
 Each line describes a pixel in which the satellite detected fire: the latitude and longitude of the
 centre, the size along scan and track in km, the time of the overpass (UTC) and the confidence. The
@@ -22,11 +22,11 @@ from mission_service.ground_distance import M_PER_DEG, distance_m
 PLACE, SIZE = ("latitude", "longitude"), ("scan", "track")
 COLUMNS = (*PLACE, "acq_date", "acq_time", "confidence")
 MAX_FILE_BYTES = 64_000_000
-MAX_PIXELS = 100_000  # of a file, on the landscape
-MAX_POINTS = 1000  # of one request
+MAX_PIXELS = 100_000  # per file, on the landscape
+MAX_POINTS = 1000  # per request
 MAX_SOURCE, MAX_MESSAGE = 80, 200  # characters
-AHEAD_S = 300.0  # tolerated difference between the clocks of satellite and service
-MIN_KM, MAX_KM = 0.05, 20.0  # of a pixel's side
+AHEAD_S = 300.0  # tolerated difference between the clocks of the satellite and the service
+MIN_KM, MAX_KM = 0.05, 20.0  # limits for a pixel's side
 # Assumed fractions of false alarms for the confidence classes of VIIRS. If the fraction is above
 # zero, positions far from the estimated fire require a second report.
 FALSE_ALARMS_PCT = {"low": 50.0, "nominal": 10.0, "high": 0.0}
@@ -76,11 +76,11 @@ class SatelliteFile(NamedTuple):
 
 
 def read_satellite_pixels(path: Path, within: World = WORLD) -> SatelliteFile:
-    """Read a CSV file of FIRMS.
+    """Read a FIRMS CSV file.
 
     For lines outside the box ``within`` (south, west, north, east, in degrees), only the position
     is read. Raises MissionServiceError, whose text names the file and the damaged line, if the file
-    is not a valid CSV file of FIRMS.
+    is not a valid FIRMS CSV file.
     """
     try:
         if path.exists() and not path.is_file():
@@ -103,7 +103,7 @@ def read_satellite_pixels(path: Path, within: World = WORLD) -> SatelliteFile:
 
 
 def is_satellite(names: Iterable[str]) -> bool:
-    """Return True if the names of columns, in lower case, include those of FIRMS."""
+    """Return True if the lower-case column names include those of FIRMS."""
     return set(COLUMNS) <= set(names)
 
 
@@ -189,7 +189,7 @@ def _fixed_grid(grid_lon_deg: float) -> Any:
 
 
 def _grid_corners(lat_deg: float, lon_deg: float, grid_lon_deg: float) -> list[tuple[float, float]]:
-    """Return the corners of a fixed grid's cell as latitude and longitude.
+    """Return the corners of a fixed-grid cell as latitude and longitude.
 
     Raises ValueError for a position that is not visible from the satellite.
     """
@@ -229,13 +229,13 @@ def _false_alarms_pct(confidence: str, goes: bool) -> float:
 
 
 class PixelGroup(NamedTuple):
-    """Pixels of equal time, source, size and confidence."""
+    """Pixels with equal time, source, size and confidence."""
 
     seen: datetime
     source: str
     position_sd_m: float
     false_alarms_pct: float
-    points: list[tuple[float, float]]  # latitude and longitude, ``MAX_POINTS`` at most
+    points: list[tuple[float, float]]  # latitude and longitude, at most ``MAX_POINTS``
 
 
 def groups_of(pixels: Iterable[SatellitePixel]) -> Iterator[PixelGroup]:
@@ -250,7 +250,7 @@ def groups_of(pixels: Iterable[SatellitePixel]) -> Iterator[PixelGroup]:
 
 
 def reports_of(pixels: Iterable[SatellitePixel], now: datetime) -> list[dict[str, Any]]:
-    """Return the requests ``observe`` that report pixels, without the name of the user.
+    """Return the ``observe`` requests that report pixels, without the user's name.
 
     There is one request for each group of pixels (``groups_of``). Raises MissionServiceError for an
     overpass in the future.

@@ -40,10 +40,10 @@ from mission_service.sensors.files.satellite_pixels import (
 )
 from mission_service.sensors.one_line import one_line
 
-MAX_FEATURES, MAX_VERTICES = 5000, 200_000  # in a file
+MAX_FEATURES, MAX_VERTICES = 5000, 200_000  # per file
 MAX_REPORTS = 100
-MAX_POINTS = 1000  # of one report of points
-MAX_CORNERS = 5000  # of one polygon or line
+MAX_POINTS = 1000  # per report of points
+MAX_CORNERS = 5000  # per polygon or line
 SHIFT_CELLS = 0.1  # largest deviation of a simplified outline
 MAX_SOURCE = 80  # characters
 CATEGORY = ("FeatureCategory", "type")
@@ -64,7 +64,7 @@ STATE_OF = {"Polygon": "burned", "LineString": "burning", "Point": "burning"}
 
 
 class _Feature(NamedTuple):
-    """A feature that shows fire; its parts are in the landscape's CRS and cut to the landscape."""
+    """A feature that shows fire; its parts are clipped to the landscape and in its CRS."""
 
     parts: Sequence[BaseGeometry]
     seen: datetime
@@ -156,7 +156,7 @@ def _check_size(path: Path, shapes: Sequence[BaseGeometry]) -> None:
 
 
 def _times(path: Path, records: Sequence[Mapping[str, Any]], zone: tzinfo) -> list[Any]:
-    """Return for each feature its time, or the text of the reason why it has no time."""
+    """Return each feature's time, or a text with the reason why it has no time."""
     named = time_in_name(path.name, zone)
     column = time_column([dict(record) for record in records])
     if column is None:

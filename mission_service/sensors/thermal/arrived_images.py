@@ -14,10 +14,10 @@ from mission_service.sensors.thermal.frame_cells import Burned, FrameCells, fram
 from mission_service.sensors.thermal.frame_registration import FrameRegistration
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 
-AHEAD_S = 5.0  # tolerated difference between the clocks of camera and service
+AHEAD_S = 5.0  # tolerated difference between the clocks of the camera and the service
 MAX_WAITING = 100  # images; the oldest are dropped
 IMAGE_EVERY_S = 2.0  # shortest interval between two images for the map
-MISSED, FALSE_ALARMS = 0.05, 0.01  # fractions of the cells that the estimate assumes
+MISSED, FALSE_ALARMS = 0.05, 0.01  # fractions of cells, as assumed by the estimate
 
 
 class ArrivedImages:
@@ -37,7 +37,7 @@ class ArrivedImages:
         self._burned = Burned(landscape.shape)
         self._registration = FrameRegistration(landscape)
         self._waiting: deque[tuple[str, str, FrameCells, DrapedImage, float]] = deque()
-        self._number = 0  # of images that were used
+        self._number = 0  # number of images used so far
         self.images: deque[SensorImage] = deque(maxlen=MAX_IMAGES)
 
     def add_image(self, image: ThermalImage, now: datetime, file: str = "") -> None:
@@ -74,7 +74,7 @@ class ArrivedImages:
             fix: A position of the vehicle.
             now_s: The time of the position in seconds since 1970.
             taken_us: Converts a time in seconds since 1970 to mission time, or returns None; then
-                the mission time of the image is computed from ``now_s``.
+                the image's mission time is computed from ``now_s``.
         """
         if not self._waiting:
             return None
@@ -100,7 +100,7 @@ class ArrivedImages:
     def _keep(
         self, vehicle: str, at_us: int, name: str, found: FrameCells, draped: DrapedImage
     ) -> None:
-        """Keep an image for the map, unless taken within ``IMAGE_EVERY_S`` of the last one."""
+        """Keep an image for the map unless taken within ``IMAGE_EVERY_S`` of the last one."""
         self._number += 1
         if self.images and abs(at_us - self.images[-1].at_us) < 1e6 * IMAGE_EVERY_S:
             return

@@ -1,4 +1,4 @@
-"""Convert pixels to lines of sight and positions to pixels, by a camera's lens and pose. Pure."""
+"""Convert pixels to lines of sight and positions to pixels, for a camera's lens and pose. Pure."""
 
 import math
 from typing import NamedTuple
@@ -9,9 +9,9 @@ from firemodel.arrays import Floats
 
 Angles = tuple[float, float, float]  # yaw, pitch, roll in degrees
 VERTICAL = 1e-3  # largest horizontal component of a line of sight that counts as vertical
-UNDISTORTION_STEPS, UNDISTORTED = 50, 1e-7  # at most; change below 0.001 pixels
+UNDISTORTION_STEPS, UNDISTORTED = 50, 1e-7  # maximum; change at convergence, < 0.001 pixels
 LEVEL = 1e-6  # smallest horizontal component of a line of sight that determines a yaw
-WIDEST = 1.3  # largest tangent of a line of sight, as a multiple of that at an image's corner
+WIDEST = 1.3  # largest tangent of a line of sight, as a multiple of that at an image corner
 
 
 class Lens(NamedTuple):
@@ -45,12 +45,12 @@ class PoseErrors(NamedTuple):
     """Standard deviations of a pose's components, and of the ground's elevation.
 
     The error of a pose has six components: east, north and up in m, and rotations in rad about the
-    camera's right, up and forward axes. Errors of yaw, pitch and roll are not used instead: if the
-    camera points straight down, yaw and roll are the same rotation, and a tilt to the side would be
+    camera's right, up and forward axes. Errors of yaw, pitch and roll would not suffice: if the
+    camera points straight down, yaw and roll are the same rotation, and a sideways tilt would be
     missing.
     """
 
-    position_sd_m: float  # of each horizontal axis
+    position_sd_m: float  # along each horizontal axis
     altitude_sd_m: float
     direction_sd_deg: float  # of the rotation about each axis
     elevation_sd_m: float
@@ -107,7 +107,7 @@ def axes_of(pose: CameraPose) -> Floats:
 
 
 def tilted(angles: Angles, pitch_deg: float) -> Angles:
-    """Return the direction of a camera that is fixed to an airframe with a pitch.
+    """Return the direction of a camera that is fixed to an airframe at a given pitch.
 
     Args:
         angles: Yaw, pitch and roll of the airframe in degrees, with the signs of ``CameraPose``.
@@ -143,7 +143,7 @@ def moved(pose: CameraPose, error: Floats) -> CameraPose:
     """Return a pose to which an error (6,; see ``PoseErrors``) is added."""
     east_m, north_m, up_m = (float(part) for part in error[:3])
     axes = axes_of(pose)
-    right, _, forward = axes + np.cross(error[3:] @ axes, axes)  # of small rotations
+    right, _, forward = axes + np.cross(error[3:] @ axes, axes)  # for small rotations
     forward /= np.linalg.norm(forward)
     pitch_deg = math.degrees(math.asin(max(-1.0, min(1.0, forward[2]))))
     if math.hypot(forward[0], forward[1]) > LEVEL:

@@ -1,4 +1,4 @@
-"""The sensor ``camera_points``: single points of fire that cameras report by MAVLink.
+"""The sensor ``camera_points``: single points of fire that cameras report over MAVLink.
 
 CAMERA_THERMAL_RANGE contains the hottest point of a thermal image; the position of this point is
 computed with the camera's pose from telemetry. CAMERA_TRACKING_GEO_STATUS contains the position of
@@ -113,7 +113,7 @@ class CameraPoints:
                 "estimate.thermal_frames.field_of_view_deg"
             )
         focal_px = focal_px_of(horizontal_deg, WIDTH)
-        height = 0.8 * WIDTH  # of thermal detectors (640 x 512)
+        height = 0.8 * WIDTH  # as in thermal detectors (640 x 512)
         if vertical_deg is not None:
             height = 2.0 * focal_px * math.tan(math.radians(vertical_deg) / 2.0)
         return Lens(WIDTH, round(height), focal_px, self._settings.distortion)

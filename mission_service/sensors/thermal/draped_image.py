@@ -17,7 +17,7 @@ from mission_service.sensors.thermal.frame_cells import FrameCells, celsius_of
 from mission_service.sensors.thermal.ground_projections import CornerProjection, PoseProjection
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 
-# Cool ground is dark; temperatures from the default of ``hot_c`` on have the colours of flames.
+# Cool ground is dark; temperatures at or above the default ``hot_c`` have flame colours.
 CELSIUS: Scale = (
     (0.0, "#000010"),
     (30.0, "#1a0a52"),
@@ -27,7 +27,7 @@ CELSIUS: Scale = (
     (400.0, "#fb9a06"),
     (600.0, "#fff2a8"),
 )
-GREYS, FLAMES = ("#000000", "#c8c8c8"), ("#e0452f", "#fff2a8")  # below and from ``hot_level``
+GREYS, FLAMES = ("#000000", "#c8c8c8"), ("#e0452f", "#fff2a8")  # below ``hot_level``; at or above
 MAX_LEVEL = 255.0
 COLOURS = 255
 
@@ -37,11 +37,11 @@ class DrapedImage(NamedTuple):
 
     projection: PoseProjection | CornerProjection
     step: int  # pixels of the image along each side of a block
-    blocks: NDArray[np.uint8]  # (y, x) number of a colour; 0: not seen
+    blocks: NDArray[np.uint8]  # (y, x) index of a colour; 0: not seen
     palette: NDArray[np.uint8]  # (256, 4) red, green, blue, opacity; the first one is transparent
     scale: Scale
     unit: str
-    bounds: Bounds  # of the seen ground
+    bounds: Bounds  # extent of the seen ground
 
     def colours(self, places: Floats) -> NDArray[np.uint8]:
         """Return red, green, blue and opacity (n, 4) of grid positions (n, 2), row and column.
@@ -96,7 +96,7 @@ def _hottest(values: NDArray[Any], step: int) -> NDArray[Any]:
 
 
 def _palette(scale: Scale) -> NDArray[np.uint8]:
-    """Return the palette of ``blocks``; the colours of the scale have equal distances in it."""
+    """Return the palette of ``blocks``; the colours of the scale are equally spaced in it."""
     rgb = np.array([list(bytes.fromhex(colour[1:])) for _, colour in scale], dtype=float)
     at = np.linspace(0, len(scale) - 1, COLOURS)
     found = np.zeros((COLOURS + 1, 4), dtype=np.uint8)

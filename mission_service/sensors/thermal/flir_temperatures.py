@@ -39,10 +39,10 @@ class Undecoded(msgspec.Struct, tag="undecoded"):
 def flir_celsius(path: Path) -> NDArray[np.float32]:
     """Return the temperatures (y, x) in °C of a radiometric JPEG.
 
-    The camera's own settings of emissivity, distance and air apply. The picture in the JPEG may
+    The camera's own settings for emissivity, distance and air apply. The picture in the JPEG may
     have more pixels than there are temperatures.
 
-    Raises MissionServiceError without the library flyr, and for a file that cannot be decoded.
+    Raises MissionServiceError if flyr is not installed, and for a file that cannot be decoded.
     """
     if find_spec("flyr") is None:
         raise MissionServiceError(
@@ -76,7 +76,7 @@ def decoded(data: bytes) -> Decoded | Undecoded:
 
 
 def main() -> None:
-    """Decode the file on standard input, within limits of memory and time."""
+    """Decode the file on standard input, within memory and time limits."""
     limit_process()
     sys.stdout.buffer.write(msgspec.msgpack.encode(decoded(sys.stdin.buffer.read())))
 

@@ -5,12 +5,12 @@ background, which is the most frequent temperature of all pixels that are not ho
 burned stays warm, but sunlit ground is warm, too. Therefore, warm pixels count as burned out only
 if they are connected to hot pixels, and as unknown otherwise. A cell is burned if most of its
 pixels are hot or burned out, unburned if nearly all of its pixels are cool, and unseen otherwise.
-In a cell beside a burned cell, two thirds of cool pixels are enough, because the front passes
-through such cells. Otherwise, the first cells ahead of the front would be unseen, and an estimate
-that spreads too fast would not be corrected. Cells that are only partly in the image are unseen,
-because their pixels may show the neighbouring cell. Ground that has burned out and cooled looks
-like unburned ground; therefore, cells that an earlier image of the sensor showed as burned stay
-burned (``Burned``). An image of grey levels has no temperatures: its pixels are hot or unknown.
+In a cell beside a burned cell, it is enough if two thirds of the pixels are cool, because the front
+passes through such cells. Otherwise, the first cells ahead of the front would be unseen, and an
+estimate that spreads too fast would not be corrected. Cells that are only partly in the image are
+unseen, because their pixels may show the neighbouring cell. Ground that has burned out and cooled
+looks like unburned ground; therefore, cells that an earlier image of the sensor showed as burned
+stay burned (``Burned``). A grey-level image has no temperatures: its pixels are hot or unknown.
 """
 
 import math
@@ -41,11 +41,11 @@ COOL, BURNED_OUT, HOT, UNKNOWN = 0, 1, 2, 3
 KELVIN_C = 273.15
 MOST = 0.5  # fraction of hot and burned-out pixels in a burned cell
 NEARLY_ALL, AT_FRONT = 0.95, 0.67  # fraction of cool pixels in an unburned cell
-MIN_PIXELS = 4  # in a cell
+MIN_PIXELS = 4  # per cell
 MAX_OFFSET = 0.15  # cells, from a cell's centre to the mean of its pixels; 0.25 if half is seen
 MIN_NOT_HOT = 0.01  # fraction of the pixels
 MAX_RAYS = 100_000  # in a larger image, only every second, third, ... row and column is used
-ERRORS_EVERY = 4  # rows and columns of pixels from one computed error to the next
+ERRORS_EVERY = 4  # spacing of the rows and columns for which errors are computed
 
 
 class FrameCells(NamedTuple):
@@ -53,13 +53,13 @@ class FrameCells(NamedTuple):
 
     window: Window
     hot_pixels: int  # that show ground of the landscape
-    position_sd_m: float  # of each axis, the mean over the pixels of the ellipse
+    position_sd_m: float  # along each axis, the mean over the pixels of the ellipse
     ellipse: ErrorEllipse  # mean of the hot pixels, or of all seen pixels if none is hot
     centre: tuple[float, float]  # grid position (row, column) of the ellipse
     matches: int  # tie points with earlier images
     inexact: float  # fraction of the pixels that are not used because of their position error
     projection: PoseProjection | CornerProjection  # after the registration
-    step: int  # each ``step``-th row and column of the image was used
+    step: int  # every ``step``-th row and column of the image was used
     seen: Mask  # (y, x) of these pixels, those that are used and show the landscape
 
 
@@ -70,7 +70,7 @@ class Burned:
         self._since_s: Floats = np.full(shape, np.inf)
 
     def added(self, found: FrameCells, taken_s: float) -> FrameCells:
-        """Return an image's cells with previously burned cells as burned; store new burned cells.
+        """Return an image's cells, keeping earlier burned cells burned; store new burned cells.
 
         Images may arrive in any order; ``taken_s`` is the time of the image.
         """
@@ -171,9 +171,9 @@ def _repeated(values: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
 def kinds_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[np.int8]:
     """Return the kind (y, x) of each pixel: COOL, BURNED_OUT, HOT or UNKNOWN.
 
-    Raises FireModelError for an image of grey levels if the settings have no ``hot_level``, and for
-    any image in which nearly all pixels are hot or most are colder than any ground, because the
-    unit or the range of such an image is probably wrong.
+    Raises FireModelError for a grey-level image if the settings have no ``hot_level``, and for any
+    image in which nearly all pixels are hot or most are colder than any ground, because the unit or
+    the range of such an image is probably wrong.
     """
     values = image.values
     if image.kind == "levels":
@@ -207,7 +207,7 @@ def celsius_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[n
 
 
 def _connected(mask: Mask, to: Mask) -> Mask:
-    """Return the regions of a mask (y, x) that contain a pixel of ``to``; corners connect, too."""
+    """Return the regions of a mask (y, x) that contain a pixel of ``to``; diagonals connect."""
     from scipy.ndimage import label
 
     regions, count = label(mask, structure=np.ones((3, 3)))
@@ -218,7 +218,7 @@ def _connected(mask: Mask, to: Mask) -> Mask:
 
 
 def _background_c(values_c: NDArray[np.float32]) -> float:
-    """Return the most frequent of temperatures (n,), in steps; 0 °C if there are none."""
+    """Return the most frequent of the temperatures (n,), in steps; 0 °C if there are none."""
     steps = np.clip(values_c, *BACKGROUND_C) - BACKGROUND_C[0]
     counts = np.bincount((steps / STEP_C).astype(np.int64), minlength=1)
     return BACKGROUND_C[0] + STEP_C * (float(counts.argmax()) + 0.5) if values_c.size else 0.0

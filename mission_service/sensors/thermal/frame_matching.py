@@ -1,7 +1,7 @@
 """Find tie points in two overlapping thermal images, by correlation. Pure.
 
 A tie point is a position on the ground that both images show. A patch of ground around each
-candidate is sampled from both images by their measured poses, on the elevation of the landscape. If
+candidate is sampled from both images, using their measured poses and the landscape's elevation. If
 the poses had no errors, the two patches would be equal. The errors of the poses displace one patch
 relative to the other; at this displacement, the normalised cross-correlation of the patches is
 largest. Hot ground changes from image to image and is left out. A patch without texture has no
@@ -23,7 +23,7 @@ from mission_service.sensors.thermal.ground_points import (
 )
 
 COLUMNS = 160  # approximate width of a reduced image
-ACROSS, DOWN = 5, 4  # tie points of an image, at most
+ACROSS, DOWN = 5, 4  # maximum tie points of an image
 PATCH, REACH = 32, 20  # size of a patch, and the largest distance searched, in samples
 SIGMAS = 3.5  # standard deviations that the search covers
 MIN_SAMPLE = 0.7  # distance between samples, as a fraction of the width of a pixel on the ground
@@ -49,7 +49,7 @@ class Ties(NamedTuple):
 
     earlier: Floats  # (n, 2) pixels, column and row, of the earlier image
     later: Floats  # (n, 2) pixels of the later image
-    match_sd_m: Floats  # (n,) of the position on the ground, in each axis
+    match_sd_m: Floats  # (n,) of the position on the ground, along each axis
 
 
 class Match(NamedTuple):
@@ -203,7 +203,7 @@ def _correlations(searched: Floats, fixed: Floats) -> Floats:
 
 
 def _boxes(values: Floats) -> Floats:
-    """Return the sums (n, s, s) of the values (n, y, x) in all boxes as large as a patch."""
+    """Return the sums (n, s, s) of the values (n, y, x) in all patch-sized boxes."""
     sums = np.pad(values, ((0, 0), (1, 0), (1, 0))).cumsum(axis=1).cumsum(axis=2)
     found: Floats = sums[:, PATCH:, PATCH:] - sums[:, :-PATCH, PATCH:]
     found -= sums[:, PATCH:, :-PATCH] - sums[:, :-PATCH, :-PATCH]

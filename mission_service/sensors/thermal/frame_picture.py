@@ -24,8 +24,8 @@ BURNED_COLOUR, UNBURNED_COLOUR, CAMERA_COLOUR = "#e31a1c", "#1f78ff", "#000000"
 ELLIPSE_COLOUR = "#00e5ff"
 NOTE = "Observed by a thermal camera. Not for navigation. Graticule WGS 84, arrow to true north."
 ALPHA = 0.7
-SIGMAS = 2.146  # of an ellipse that contains the true position with a probability of 90 %
-SIDE_PX = 1000  # of the drawn image
+SIGMAS = 2.146  # for an ellipse that contains the true position with a probability of 90 %
+SIDE_PX = 1000  # longer side of the drawn image
 MARGIN = 0.12  # around the image and its camera, as a fraction of the larger extent
 
 
@@ -95,7 +95,7 @@ def _square(points: Floats) -> Frame:
 
 
 def _picture(draped: DrapedImage) -> NDArray[np.uint8]:
-    """Return the colours (y, x, 4) of the ground in the bounds of an image."""
+    """Return the colours (y, x, 4) of the ground within the bounds of an image."""
     top, left, bottom, right = draped.bounds
     pixel = max(bottom - top, right - left) / SIDE_PX
     rows, cols = round((bottom - top) / pixel), round((right - left) / pixel)
@@ -150,7 +150,7 @@ def _draw_ellipse(axes: Any, landscape: Landscape, found: FrameCells) -> None:
 
 
 def _draw_scale(axes: Any, draped: DrapedImage) -> None:
-    """Draw the colours of an image with their values, below the legend of the map."""
+    """Draw an image's colour scale with its values, below the legend of the map."""
     beside = axes.inset_axes((1.03, 0.04, 0.03, 0.4))
     last = len(draped.scale) - 1
     colours = draped.palette[1:, None, :3]

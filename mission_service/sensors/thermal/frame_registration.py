@@ -19,7 +19,7 @@ from mission_service.sensors.thermal.pose_adjustment import adjusted
 
 FRAMES = 8  # images of the pass that are adjusted together
 PARTNERS = 3  # earlier images that an image is matched to
-MAX_AGE_S = 60.0  # of the earlier images
+MAX_AGE_S = 60.0  # maximum age of the earlier images
 
 
 class RegisteredPose(NamedTuple):

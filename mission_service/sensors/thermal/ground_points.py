@@ -22,7 +22,7 @@ from mission_service.sensors.thermal.ray_casting_kernels import cast_rays
 
 REACH_M = 5000.0  # pixels that show ground farther away are not used
 GRAZING = 0.01  # sine of the smallest angle between a line of sight and the ground
-SAME_M = 0.1  # most between a position and the same position found by ray casting
+SAME_M = 0.1  # greatest distance between a position and the same position from ray casting
 UP = 2  # index of the altitude in the error of a pose
 
 
@@ -59,7 +59,7 @@ def ground_points(
 def hidden(landscape: Landscape, pose: CameraPose, places: Floats) -> Mask:
     """Return True (n,) for positions on the ground (n, 2) that are not visible from a camera.
 
-    Other ground is between such a position and the camera, or the position is beyond ``REACH_M``.
+    Other ground lies between such a position and the camera, or the position is beyond ``REACH_M``.
     """
     offset_m = offsets_m(landscape, pose, places)
     directions = offset_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
@@ -84,7 +84,7 @@ def pose_effects(landscape: Landscape, pose: CameraPose, places: Floats) -> Floa
     """Return the displacements (n, 2, 6) of positions on the ground by errors of the pose.
 
     A displacement is east and north in m, for each m or rad of each component of the error
-    (``PoseErrors``). An error of the elevation has the opposite effect of an error of the altitude.
+    (``PoseErrors``). An error of the elevation has the opposite effect to an error of the altitude.
     The displacements are large if the line of sight is nearly parallel to the slope, and NaN for a
     position that is NaN.
 

@@ -1,4 +1,4 @@
-"""Place the pixels of an image on the ground, by pose and lens or by corner points. Pure.
+"""Place the pixels of an image on the ground, using pose and lens or corner points. Pure.
 
 Both projections have the method ``places``, which returns the grid positions (n, 2), row and
 column, that pixels (n,) show, and the inverse method ``pixels``. The method ``covariances`` returns
@@ -66,11 +66,11 @@ class PoseProjection(NamedTuple):
 
 
 class CornerProjection(NamedTuple):
-    """A projective transformation that the positions of an image's corners determine."""
+    """A projective transformation determined by the positions of an image's corners."""
 
     landscape: Landscape
     matrix: Floats  # (3, 3)
-    sd_m: float  # of each axis
+    sd_m: float  # along each axis
 
     def places(self, col: Floats, row: Floats) -> Floats:
         """Return the positions of pixels."""
@@ -119,7 +119,7 @@ def projection_of(
 def stated_errors(
     settings: ThermalCameraSection, pose: ThermalImage | TelemetryPose | None = None
 ) -> PoseErrors:
-    """Return the standard deviations of the settings, combined with those of ``pose``."""
+    """Return the standard deviations in the settings, combined with those of ``pose``."""
     position_sd_m, direction_sd_deg = (
         (0.0, 0.0) if pose is None else (pose.position_sd_m, pose.direction_sd_deg)
     )

@@ -1,7 +1,7 @@
-"""Place the pixels of an image on the ground by its four corner points. Pure.
+"""Place the pixels of an image on the ground using its four corner points. Pure.
 
-The camera's computer has computed the corner points by intersecting the corners' lines of sight
-with a ground model. Between the corner points, pixels are placed by a projective transformation
+The camera's computer computes the corner points by intersecting the corners' lines of sight with a
+ground model. Between the corner points, pixels are placed by a projective transformation
 (homography). This transformation is exact for a plane; over uneven ground it is an approximation.
 """
 
@@ -17,7 +17,7 @@ SHORTEST_M, LONGEST_M = 2.0, 10_000.0  # sides of the quadrilateral
 
 
 class CornerPoints(NamedTuple):
-    """The positions that the corners of an image show, and the standard deviation of each axis.
+    """The positions that the corners of an image show, and the standard deviation along each axis.
 
     ``lat_lon_deg`` (4, 2) begins with the upper left corner and continues clockwise.
     """
@@ -36,7 +36,7 @@ def quadrilateral(landscape: Landscape, corners: CornerPoints) -> Floats:
     found: Floats = np.column_stack(landscape.row_col_of(x_m, y_m))
     sides = np.roll(found, -1, axis=0) - found
     lengths_m = np.linalg.norm(sides, axis=1) * landscape.cell_size_m
-    if not (lengths_m.min() >= SHORTEST_M and lengths_m.max() <= LONGEST_M):  # NaN fails, too
+    if not (lengths_m.min() >= SHORTEST_M and lengths_m.max() <= LONGEST_M):  # NaN also fails
         raise FireModelError(
             f"the corner points are {lengths_m.min():.0f} to {lengths_m.max():.0f} m apart"
         )

@@ -1,8 +1,8 @@
 """The sensor ``thermal_frames``: georeferences thermal images that arrive in a folder.
 
 A thread (``watched_folder``) reads the images of the folder ``estimate.thermal_frames.folder``.
-``observe`` returns the observations one by one. A file without a pose is used when the telemetry of
-the vehicle has arrived. In a simulation there is no thread: ``observe`` lists the folder, and the
+``observe`` returns the observations one by one. A file without a pose is used once the vehicle's
+telemetry has arrived. In a simulation there is no thread: ``observe`` lists the folder, and the
 time is the mission time.
 """
 

@@ -3,7 +3,7 @@
 A report of an image (``ImageCaptured``) belongs to a file if the report contains the name of the
 file, or if both have the same time in UTC. Without such a report, the position and the direction
 are interpolated at the time of the file. Times of files are in UTC; they are converted to mission
-time by the times at which positions were received.
+time using the times at which positions were received.
 """
 
 import math
@@ -24,10 +24,10 @@ from mission_service.events import (
 from mission_service.sensors.thermal.camera_geometry import Angles, tilted
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-SAMPLES = 4000  # of each vehicle: a quarter of an hour at 4 Hz
+SAMPLES = 4000  # per vehicle: a quarter of an hour at 4 Hz
 SAME_TIME_S = 0.6  # many cameras store whole seconds
-MAX_GAP_S = 2.5  # between the samples that are interpolated
-TRIGGER_SD_S = 0.05  # of the time of a reported image
+MAX_GAP_S = 2.5  # maximum between interpolated samples
+TRIGGER_SD_S = 0.05  # for the time of a reported image
 
 Sample = TypeVar("Sample", Telemetry, CameraDirection)
 
@@ -62,7 +62,7 @@ class _Vehicle:
 
 
 class TelemetryPoses:
-    """The latest telemetry of all vehicles; one thread adds events, another one reads poses."""
+    """The latest telemetry of all vehicles; one thread adds events, another reads poses."""
 
     def __init__(self, fixed_pitch_deg: float | None, file_time_sd_s: float) -> None:
         """Set the pitch, relative to the airframe, of cameras without a gimbal; None if unknown.
@@ -91,7 +91,7 @@ class TelemetryPoses:
                 vehicle.vertical_deg = event.vertical_deg
 
     def mission_us_of(self, taken_s: float) -> int | None:
-        """Return the mission time of a time in UTC; None before or after the telemetry."""
+        """Return the mission time for a time in UTC; None before or after the telemetry."""
         for vehicle in self._copies():
             times = list(vehicle.clock)
             place = bisect_right(times, taken_s, key=lambda each: each[1])
@@ -133,7 +133,7 @@ class TelemetryPoses:
     ) -> tuple[_Vehicle, ImageCaptured, datetime] | None:
         """Return the report of an image with its vehicle and time in UTC, or None.
 
-        A report without the name of a file is used only if no other report is similarly near in
+        A report without the name of a file is used only if no other report is similarly close in
         time.
         """
         images = [(vehicle, image) for vehicle in self._copies() for image in list(vehicle.images)]
@@ -218,7 +218,7 @@ class TelemetryPoses:
 
 
 def _utc_s(vehicle: _Vehicle, image: ImageCaptured) -> float:
-    """Return the reported time of an image in UTC, or else that from the received positions."""
+    """Return the reported time of an image in UTC, or else that derived from positions."""
     if image.taken_utc_us is not None:
         return image.taken_utc_us / 1e6
     times = list(vehicle.clock)

@@ -2,10 +2,10 @@
 
 Files are TIFF with temperatures in °C (32-bit floats) or counts of a radiometric camera (16 bits),
 or TIFF, JPEG and PNG with grey levels (8 bits). Positions and times are read from EXIF, and the
-direction of the camera from the XMP keys ``GimbalYawDegree``, ``GimbalPitchDegree`` and
-``GimbalRollDegree`` of DJI. Metadata that a file does not contain are taken from the telemetry of
-the vehicles, if ``pose_of`` is given. Temperatures are read from radiometric JPEGs (R-JPEG) of FLIR
-(``flir_temperatures``); R-JPEGs of other makers are read as images of grey levels.
+direction of the camera from DJI's XMP keys ``GimbalYawDegree``, ``GimbalPitchDegree`` and
+``GimbalRollDegree``. Metadata that a file does not contain are taken from the telemetry of the
+vehicles, if ``pose_of`` is given. Temperatures are read from FLIR's radiometric JPEGs (R-JPEG,
+``flir_temperatures``); R-JPEGs of other makers are read as grey-level images.
 """
 
 import math
@@ -46,7 +46,7 @@ NO_POSITION = "EXIF has no GPS latitude, longitude and altitude"
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 Position = tuple[float, float, float]  # latitude, longitude, altitude above mean sea level
 Direction = tuple[float, float, float]  # yaw, pitch, roll in degrees
-PoseOf = Callable[[str, datetime | None], TelemetryPose]  # of a file's name and time, if known
+PoseOf = Callable[[str, datetime | None], TelemetryPose]  # from a file's name and time, if known
 DIRECTIONS = ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
 
 
@@ -81,7 +81,7 @@ class ThermalImage(NamedTuple):
     yaw_deg: float  # clockwise from true north
     pitch_deg: float  # -90: straight down
     roll_deg: float
-    focal_px: float | None  # None if it is unknown
+    focal_px: float | None  # None if unknown
     position_sd_m: float = 0.0
     direction_sd_deg: float = 0.0
     corners: CornerPoints | None = None
@@ -209,7 +209,7 @@ def _values(path: Path, image: "Image") -> tuple[NDArray[np.float32], str]:
 
 
 def is_coloured(rgb: NDArray[Any]) -> bool:
-    """Return True for a picture (y, x, 3) in colours, False for grey levels."""
+    """Return True for a colour picture (y, x, 3), False for grey levels."""
     return float(np.mean(rgb.max(axis=2) - rgb.min(axis=2))) > MAX_COLOUR
 
 

@@ -64,7 +64,7 @@ class ThermalVideo(ThreadedSensor):
             self._source.close()
 
     def use(self, data: bytes, now: datetime) -> None:
-        """Process bytes of the stream that arrived at ``now``; in the thread."""
+        """Process bytes of the stream that arrived at ``now``; called in the thread."""
         oldest = now - timedelta(seconds=self._settings.max_age_s)
         for image in self._stream.feed(data, oldest) if data else ():
             try:
@@ -73,7 +73,7 @@ class ThermalVideo(ThreadedSensor):
                 self._drop(image.name, str(error))
 
     def end_window(self) -> None:
-        """Set ``problem`` from the data received since the last call; in the thread.
+        """Set ``problem`` from the data received since the last call; called in the thread.
 
         If no undamaged metadata have arrived, the next sender is used, as a new stream.
         """

@@ -1,4 +1,4 @@
-"""Decode the pictures of a video stream with PyAV, and leave out damaged ones."""
+"""Decode the pictures of a video stream with PyAV, and discard damaged ones."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ CODECS = {
     "h266": "vvc",
     "av1": "av1",
 }  # names of tstrans and FFmpeg
-STREAM_TYPES = {0x01: "mpeg1video", 0x02: "mpeg2video", 0x10: "mpeg4"}  # that tstrans does not name
+STREAM_TYPES = {0x01: "mpeg1video", 0x02: "mpeg2video", 0x10: "mpeg4"}  # not named by tstrans
 OPTIONS = {"err_detect": "explode", "max_pixels": "25000000"}
 
 

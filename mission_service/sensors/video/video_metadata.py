@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 KEY_BYTES = 16
 EPOCH, LATEST = datetime(1970, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
-HEADING, PITCH, ROLL, FULL_PITCH, FULL_ROLL = 5, 6, 7, 90, 91  # of the platform
-LAT, LON, ALTITUDE, HEIGHT, EXTENDED_HEIGHT = 13, 14, 15, 75, 104  # of the sensor
+HEADING, PITCH, ROLL, FULL_PITCH, FULL_ROLL = 5, 6, 7, 90, 91  # platform tags
+LAT, LON, ALTITUDE, HEIGHT, EXTENDED_HEIGHT = 13, 14, 15, 75, 104  # sensor tags
 FIELD_OF_VIEW, VERTICAL_FIELD_OF_VIEW, AZIMUTH, ELEVATION, TURN = 16, 17, 18, 19, 20
-CENTRE_LAT, CENTRE_LON = 23, 24  # of the frame
+CENTRE_LAT, CENTRE_LON = 23, 24  # frame tags
 OFFSETS, CORNERS = range(26, 34), range(82, 90)  # latitude and longitude of four corners
 FIELDS = {
     HEADING: "platform_heading_deg",
@@ -51,7 +51,7 @@ FIELDS = {
     },
 }
 
-# Limits of the change between two packets: a constant, and the increase for each second between.
+# Limits on the change between two packets: a constant, and an increase per second between them.
 MAX_BREAK_S = 60.0
 MAX_MOVE_DEG = (0.0002, 0.003)  # latitude and longitude of the camera; 300 m/s
 MAX_CLIMB_M = (10.0, 100.0)
@@ -60,7 +60,7 @@ MAX_CORNER_DEG = (0.002, 0.05)
 
 
 class VideoMetadataError(MissionServiceError):
-    """A damaged or unusable packet of metadata; the message is the reason."""
+    """A damaged or unusable packet of metadata; the message gives the reason."""
 
 
 class SensorPose(NamedTuple):
@@ -117,7 +117,7 @@ def read_metadata(packet: bytes, settings: ThermalVideoSection) -> VideoMetadata
 
 
 def is_continuous(one: VideoMetadata, other: VideoMetadata) -> bool:
-    """Return True if an aircraft and its camera can move so far in the time between two packets.
+    """Return True if an aircraft and its camera can move this far between two packets.
 
     The checksum, a sum of 16 bits, does not detect all damage. Damaged values usually differ much
     from those of the packets before and after.
@@ -190,7 +190,7 @@ def _pose_of(
 
 
 def _corners_of(values: Mapping[int, float], sd_m: float) -> CornerPoints | None:
-    """Return the corner points from their own tags, or else from offsets to the frame's centre."""
+    """Return the corner points from their own tags, or else from offsets to the frame centre."""
     if all(tag in values for tag in CORNERS):
         flat = [values[tag] for tag in CORNERS]
     elif all(tag in values for tag in (CENTRE_LAT, CENTRE_LON, *OFFSETS)):

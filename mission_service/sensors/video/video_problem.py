@@ -10,7 +10,7 @@ def video_problem(counts: StreamCounts, source: str, notice: str, seconds: float
     Args:
         counts: The counts of the last ``seconds``.
         source: The address or the file.
-        notice: The text of the source about its input, or an empty text.
+        notice: The source's text about its input, or an empty text.
         seconds: The period of the counts.
     """
     also = f" ({notice})" if notice else ""

@@ -1,4 +1,4 @@
-"""Read the bytes of a video: datagrams of one sender, or a file that may grow.
+"""Read the bytes of a video: datagrams from one sender, or a file that may grow.
 
 Both sources have ``next_bytes``, which waits at most ``WAIT_S`` and returns b"" if nothing has
 arrived, and ``notice``, a text about the input that is shown if the video cannot be used.
@@ -21,9 +21,9 @@ TS_BYTES, TS_SYNC = 188, 0x47
 
 
 class DatagramSource:
-    """The transport stream of one sender to a UDP address, which may be a multicast group.
+    """The transport stream from one sender to a UDP address, which may be a multicast group.
 
-    Datagrams of other senders, and those that do not consist of transport packets, are left out.
+    Datagrams from other senders, and those that do not consist of transport packets, are dropped.
     After ``release``, the sender of the next datagram is used.
     """
 
@@ -35,7 +35,7 @@ class DatagramSource:
         self.notice = ""
 
     def next_bytes(self) -> bytes:
-        """Return a datagram of the sender, or b""."""
+        """Return a datagram from the sender, or b""."""
         if self._socket is None and not self._opened():
             time.sleep(RETRY_S)
             return b""
@@ -94,7 +94,7 @@ class DatagramSource:
 
 
 class FileSource:
-    """A file of a transport stream, which may be created later, grow, or be replaced."""
+    """A transport stream file, which may be created later, grow, or be replaced."""
 
     def __init__(self, path: Path) -> None:
         """Set the path; the file need not exist."""

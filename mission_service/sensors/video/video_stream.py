@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from tstrans.mpegts import Demuxer, DemuxEvent, StreamInfo
 
 FRAME_EVERY_S = 1.0
-NEAR_TICKS = 9_000  # of 90 kHz (0.1 s), most between an image and its metadata
-KEPT = 100  # packets of metadata
+NEAR_TICKS = 9_000  # at 90 kHz (0.1 s); maximum between an image and its metadata
+KEPT = 100  # maximum number of metadata packets
 PART_BYTES = 65_536
 MIN_FIELD_OF_VIEW_DEG, MAX_FIELD_OF_VIEW_DEG = 1.0, 150.0
 MAX_FIELD_ERROR = 0.1  # fraction of the vertical field of view
@@ -49,7 +49,7 @@ class StreamCounts:
     """The received parts of a stream, and the last reason why a part was not used."""
 
     size: int = 0  # bytes
-    videos: int = 0  # in the newest program map
+    videos: int = 0  # video streams in the newest program map
     pictures: int = 0  # access units of video
     bad_pictures: int = 0
     picture_reason: str = ""
@@ -57,7 +57,7 @@ class StreamCounts:
     damaged_metadata: int = 0
     metadata_reason: str = ""
     lost: int = 0  # gaps in video or metadata
-    images: int = 0  # that were returned
+    images: int = 0  # images returned
     refused: int = 0  # images that were due, but could not be georeferenced
     refusal: str = ""
 
@@ -157,7 +157,7 @@ class VideoStream:
                 self._decoder.lose()
 
     def _skip(self, taken: datetime) -> None:
-        """Leave out an access unit; those after it cannot be decoded until the next key frame."""
+        """Skip an access unit; those after it cannot be decoded until the next key frame."""
         self.refuse(f"taken at {taken:%Y-%m-%d %H:%M:%S} UTC; {self._settings.TABLE}.max_age_s")
         if self._decoder is not None:
             self._decoder.lose()

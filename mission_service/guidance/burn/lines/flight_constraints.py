@@ -15,7 +15,7 @@ from mission_service.guidance.burn.lines.hazard import Hazard
 from mission_service.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
-# Returns the fire that spreads from the given sources (n, 3: x, y, at_s) only.
+# Returns the fire that spreads from the given sources only (n, 3: x, y, at_s).
 FireOfSources = Callable[[Floats], Simulation]
 
 HIGH_M = 1e-6  # tolerance when heights are compared with the safe height
@@ -60,7 +60,7 @@ class FlightConstraints:
     places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
     def fly_to(self, start: FlightPoint, x_m: float, y_m: float, height_m: float) -> FlightPoint:
-        """Return the end point of a straight leg that is flown at the speeds in the settings."""
+        """Return the end point of a straight leg flown at the speeds in the settings."""
         up_m = height_m - start.height_m
         rate = self.settings.climb_m_s if up_m > 0.0 else self.settings.sink_m_s
         level_m = math.hypot(x_m - start.x_m, y_m - start.y_m)
@@ -70,14 +70,14 @@ class FlightConstraints:
     def along(self, route: Route, places: list[tuple[float, float]]) -> Route:
         """Return the given route, continued at its last height through ``places``.
 
-        The first of the positions is the end of the given route.
+        The first position is the end of the given route.
         """
         for x_m, y_m in places[1:]:
             route = [*route, self.fly_to(route[-1], x_m, y_m, route[-1].height_m)]
         return route
 
     def straight_up(self, start: FlightPoint) -> Route:
-        """Return the route from ``start`` straight up to the safe height."""
+        """Return the route from ``start`` vertically up to the safe height."""
         if start.height_m >= self.settings.safe_height_m:
             return [start]
         return [start, self.fly_to(start, start.x_m, start.y_m, self.settings.safe_height_m)]
@@ -90,7 +90,7 @@ class FlightConstraints:
         return [begin, end] if self.high is None else self.high.shortest_path(begin, end)
 
     def home_s(self, start: FlightPoint) -> float:
-        """Return the time to fly home from ``start`` and land; infinity without a path.
+        """Return the time to fly home from ``start`` and land; infinity if there is no path.
 
         ``start`` is at the safe height.
         """

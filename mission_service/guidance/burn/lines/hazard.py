@@ -1,10 +1,10 @@
-"""Tests, with ignition times on a raster, whether fire endangers the legs of a flight.
+"""Tests whether fire endangers the legs of a flight, using ignition times on a raster.
 
 A point x is in danger at time t if a point y within reach of x ignites between t - residence_s and
 t + time_margin_s. The reach is ``distance_margin_m``. If x is downwind of y, the reach is longer by
 the distance that the wind travels towards x in ``wind_margin_s``.
 
-The raster must not miss any fire of the simulation. Therefore each cell holds bounds on the
+The raster must not miss any simulated fire. Therefore each cell holds bounds on the
 ignition times inside the cell, and distances to a cell are measured to the cell's nearest point.
 Each sample of a leg covers the part of the leg around the sample, in space and time.
 """
@@ -35,7 +35,7 @@ FINE_CELL_M, FINE_NODES = 0.6, 500_000  # limits for the finer raster
 MIN_CELL_M, MAX_CELL_M, NODES = 1.5, 3.0, 20_000
 LONG_AGO_S = -1e9  # lower bound of ignition times
 BLOCK = 32  # times are computed in blocks of BLOCK x BLOCK cells
-SPARE_CELLS = 3  # border of a raster beyond the reach, because bounds of times use neighbour cells
+SPARE_CELLS = 3  # border beyond the reach, because bounds on times use neighbouring cells
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Margins:
 
     time_s: float
     distance_m: float
-    wind_m: float  # additional distance straight downwind
+    wind_m: float  # additional distance directly downwind
     toward_rad: float  # direction towards which the wind blows, anticlockwise from east
     residence_s: float
 
@@ -69,7 +69,7 @@ class Hazard:
     """The danger from a fire, as bounds on the ignition times in the cells (y, x) of a raster.
 
     Row 0 is in the north. The time of a cell that never ignites is infinite. A block of cells is
-    evaluated when a leg first comes near the block. Places outside the raster count as in danger.
+    evaluated when a leg first comes near the block. Points outside the raster count as in danger.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Hazard:
         self._fire, self._sources, self._begins_s = fire, sources, begins_s
 
     def _evaluate(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float, more_m: float) -> None:
-        """Evaluate the simulation in all blocks near a leg that have not been evaluated yet."""
+        """Evaluate the simulation in those blocks near a leg that have not yet been evaluated."""
         around_m = self.margins.reach_m + self.cell_m + more_m
         size_m = BLOCK * self.cell_m
         low_x, high_x = min(x0_m, x1_m) - around_m, max(x0_m, x1_m) + around_m
@@ -172,7 +172,7 @@ class Hazard:
     def surely_in_danger(
         self, x0_m: float, y0_m: float, t0_s: float, x1_m: float, y1_m: float, t1_s: float
     ) -> bool:
-        """Return whether fire at a corner of a cell is too near a leg.
+        """Return whether fire at a corner of a cell is too close to a leg.
 
         If so, the leg is also in danger on any finer raster.
         """
@@ -184,10 +184,10 @@ class Hazard:
 
 
 def cell_for(box: Box, margins: Margins) -> float:
-    """Return the cell size at which a raster of a box and its reach has at most ``NODES`` nodes.
+    """Return the cell size at which a raster over a box and its reach has at most ``NODES`` nodes.
 
     The size is at least ``MIN_CELL_M``. To limit the raster's error on a large unit, the size is at
-    most ``MAX_CELL_M``, or a third of the distance margin if a third is larger. On a large unit the
+    most ``MAX_CELL_M``, or a third of the distance margin if that is larger. On a large unit the
     raster may therefore have more than ``NODES`` nodes.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)

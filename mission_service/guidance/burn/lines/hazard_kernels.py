@@ -110,7 +110,7 @@ def min_margin_s(  # type: ignore[no-untyped-def]
 def is_surely_in_danger(  # type: ignore[no-untyped-def]
     at_s, west, north, cell, reach, wx, wy, residence, time, x0, y0, t0, x1, y1, t1
 ):
-    """Return whether fire at a corner of any cell is too near a straight leg."""
+    """Return whether fire at a corner of any cell is too close to a straight leg."""
     max_m = reach + math.hypot(wx, wy)
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), math.ceil(t1 - t0), 1)
     for number in range(count + 1):

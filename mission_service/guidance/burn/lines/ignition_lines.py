@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 Floats = NDArray[np.float64]
 
-SLIVER_M2 = 0.01  # smaller parts of a cut area are rounding errors
+SLIVER_M2 = 0.01  # smaller pieces of a cut area are rounding errors
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class LineFlight:
     skipped: Floats  # (k, 2) positions without a drop
     min_margin_s: float
     climbs_first: bool
-    home_s: float  # duration of the return home from the flight's end, with the landing
+    home_s: float  # duration of the return home from the flight's end, including landing
     why_ended: Literal["", "spheres", "battery"]
 
     @property
@@ -52,8 +52,8 @@ def fly_line(
     ``battery_s`` is the maximum flight time, including the return.
     """
     trip = _flight(air, start, places_m, spheres, battery_s, careful=False)
-    # Check for all drops at once whether fire from one sphere reaches another sphere before the
-    # other sphere ignites.
+    # Check for all drops at once whether fire from one sphere reaches another sphere before
+    # that sphere ignites.
     lit = trip.drops + np.array([0.0, 0.0, air.settings.ignition_delay_s])
     if (air.lights(lit).ignition_time_s(lit[:, :2]) < lit[:, 2] - ROUNDED_S).any():
         return _flight(air, start, places_m, spheres, battery_s, careful=True)
@@ -192,8 +192,8 @@ class LineFlightBuilder:
     def escape(self, approach: Route, dropped_s: float) -> tuple[Route, float] | None:
         """Return a safe route from a drop to the safe height, with its margin, or None.
 
-        The route is also safe from fire of the dropped sphere itself. The route leads straight up,
-        or first a short distance ahead or upwind.
+        The route is also safe from the fire that the dropped sphere lights. The route is vertical,
+        or first goes a short distance ahead or upwind.
         """
         drop = approach[-1]
         own = SphereFires(self.air)
@@ -233,7 +233,7 @@ class LineFlightBuilder:
         return None if path is None or level is None else self.air.along(level, path)
 
     def _over(self, up: Route, x_m: float, y_m: float) -> Route | None:
-        """Return ``up``, continued over a position and down to the drop height, or None."""
+        """Return ``up``, continued to above a position and down to the drop height, or None."""
         path = self.air.high_path(up[-1], x_m, y_m)
         if path is None:
             return None

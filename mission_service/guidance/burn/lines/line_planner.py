@@ -1,4 +1,4 @@
-"""Plans the next ignition line by algorithm 1 of Beachly et al. (section V).
+"""Plans the next ignition line using algorithm 1 of Beachly et al. (section V).
 
 The paper leaves some points open, which are decided here as follows:
 
@@ -6,7 +6,7 @@ The paper leaves some points open, which are decided here as follows:
   between parts of the area, or has no safe drop, the line is cut off: planning continues with the
   area upwind of the line.
 - The faster of the two paths is chosen. A path with less than ``MIN_DROPS_SHARE`` of the other
-  path's drops is not chosen, because a gap in a line is worse than a delay of a minute.
+  path's drops is not chosen, because a gap in a line is worse than a delay of one minute.
 - If the spheres or the battery end a line early, the remaining area does not change. The next plan
   is then for the rest of the same line, because positions near earlier drops are excluded.
 """
@@ -91,7 +91,7 @@ class LinePlan:
     line: IgnitionLine
     ended: Literal["", "spheres", "battery"]  # reason for an early end
     climbs_first: bool
-    home_s: float  # duration of the return home from the path's end, with the landing
+    home_s: float  # duration of the return home from the path's end, including landing
     spheres_left: int
     lines_cut: int  # number of lines cut off before this line, because no drop was safe there
 
@@ -108,8 +108,8 @@ class NoPlan:
 def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
     """Plan the next line, and check it against all fire, including fire from the line's own drops.
 
-    Raises MissionServiceError if drops would follow each other too fast, if the unit needs too many
-    lines, or if the fire simulation returns invalid times.
+    Raises MissionServiceError if drops would follow each other too quickly, if the unit needs too
+    many lines, or if the fire simulation returns invalid times.
     """
     _refuse_too_fast(settings)
     start = FlightPoint(situation.x_m, situation.y_m, situation.height_m, situation.at_s)
@@ -188,7 +188,7 @@ def drop_orders(
 def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
     """Return the fastest flight with enough drops, or None if no flight has a drop.
 
-    A flight to the line's end is preferred to a flight that the spheres or the battery end early.
+    A flight to the line's end is preferred to one that the spheres or the battery cut short.
     If flights have the same duration, the first is returned.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)

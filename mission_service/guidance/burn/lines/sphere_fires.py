@@ -1,4 +1,4 @@
-"""The fires that a flight's own spheres light, and the danger from these fires to the flight."""
+"""The fires that a flight's own spheres light, and the danger that they pose to the flight."""
 
 import math
 from itertools import pairwise
@@ -47,9 +47,9 @@ class SphereFires:
     """The fires that a flight's own spheres light.
 
     On a leg that approaches any of the drops, or descends vertically, the time margin applies to
-    these fires, as to other fire. On a leg away from all drops, only fire that burns within reach
-    is a danger. For example, the leg directly after a drop is safe, although the sphere ignites
-    within the time margin.
+    these fires, as it does to other fire. On a leg away from all drops, only fire that burns within
+    reach is a danger. For example, the leg directly after a drop is safe, although the sphere
+    ignites within the time margin.
     """
 
     def __init__(self, air: FlightConstraints) -> None:

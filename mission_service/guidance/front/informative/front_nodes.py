@@ -17,11 +17,11 @@ from mission_service.guidance.front.sweeps import flight_times
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-MAX_NODES = 96  # of all fronts
-MIN_NODES = 4  # of one front
+MAX_NODES = 96  # of all fronts together
+MIN_NODES = 4  # of each front
 LEFT_CELLS = 0.5  # error of a front in view
 # Minimum growth of the error: as a fraction of the mean growth, and in cells per second. The
-# minimum represents errors of the model that wrong inputs of the model do not explain.
+# minimum represents model errors that are not explained by wrong inputs.
 MIN_GROWTH_SHARE = 1.0
 MIN_GROWTH_CELLS_S = 2e-5
 MIN_STEP_CELLS = 1e-9
@@ -35,7 +35,7 @@ class Front(NamedTuple):
     points: Floats  # (n, 2) row and column
     speed_sd_cells_s: Floats  # standard deviation of the speed
     seen_at_s: Floats  # time of the last observation
-    along_cells: Floats  # distance from the first point (n + 1); the last is the length
+    along_cells: Floats  # distance from the first point (n + 1); the last is the front's length
 
     @property
     def length_cells(self) -> float:
@@ -50,11 +50,11 @@ class Front(NamedTuple):
 
 
 class FrontNodes(NamedTuple):
-    """The nodes of all fronts; a node is an index of these arrays, which have equal lengths."""
+    """The nodes of all fronts; a node is an index into these arrays, which have equal lengths."""
 
     front: Integers  # the index of the front
     point: Integers  # index of the node's first point on its front
-    row: Floats  # the middle of the node
+    row: Floats  # the midpoint of the node
     col: Floats
     first: Integers  # the first node of the front
     nodes_of_front: Integers  # the number of nodes of the front
@@ -81,7 +81,7 @@ def front_of(estimated: EstimatedFront, at_s: float, cell_m: float) -> Front:
 def nodes_of(
     fronts: Sequence[Front], airspeed_cells_s: float, wind_cells_s: tuple[float, float]
 ) -> FrontNodes:
-    """Return the nodes of fronts.
+    """Return the nodes of the given fronts.
 
     Args:
         fronts: The fronts; at least one.
@@ -151,7 +151,7 @@ def _nodes_on(
 def hop_times_s(
     nodes: FrontNodes, airspeed_cells_s: float, wind_cells_s: tuple[float, float]
 ) -> Floats:
-    """Return the flight time (n, n) in a straight line from each node to each other node."""
+    """Return the flight time (n, n) in a straight line from each node to every other node."""
     north = nodes.row[:, None] - nodes.row[None, :]
     east = nodes.col[None, :] - nodes.col[:, None]
     length = np.maximum(np.hypot(north, east), MIN_STEP_CELLS)

@@ -15,14 +15,14 @@ from mission_service.visibility_graph import Vertex, VisibilityGraph
 
 Floats = NDArray[np.float64]
 
-# Burned ground this near to unburned ground does not count as burned: paths along a front touch
+# Burned ground this close to unburned ground does not count as burned: paths along a front touch
 # such ground.
 EDGE_CELLS = 0.25
 CLEAR_CELLS = 1.0  # distance of a leg's corners from the ground that counts as burned
-# Length by which a path around a convex fire becomes longer because it keeps this distance: at most
-# half a circle. The limit of a detour is increased by this length.
+# Extra length of a path around a convex fire due to this distance: at most half a circle. The
+# detour limit is increased by this length.
 HALF_CIRCLE_CELLS = math.pi * CLEAR_CELLS
-BEYOND_CELLS = 1e-3  # distance beyond the edge, so that rounding does not cross the edge again
+BEYOND_CELLS = 1e-3  # distance beyond the edge, so that rounding does not undo the crossing
 AROUND_CELLS = 10_000.0  # width of the unburned ground around all fires
 
 
@@ -46,11 +46,11 @@ def unburned_ground(loops: Sequence[Floats]) -> VisibilityGraph:
 
 
 def leg(start: Floats, goal: Floats, unburned: VisibilityGraph, max_detour: float = 0.2) -> Floats:
-    """Return the points (n, 2) of the leg from one position to another, rows and columns.
+    """Return the points (n, 2) of the leg from one position to another, as rows and columns.
 
     The leg is straight, unless a straight leg crosses burned ground and the shortest way around is
     at most (1 + ``max_detour``) times as long, plus ``HALF_CIRCLE_CELLS``. A leg that begins or
-    ends over burned ground leaves or enters this ground by the shortest way, if the leg is then
+    ends over burned ground leaves or enters this ground by the shortest way, if the leg then stays
     within the same limit. Legs have sharp corners; the turn radius is not taken into account.
     """
     straight = np.array([start, goal], dtype=np.float64)

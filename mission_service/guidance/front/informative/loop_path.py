@@ -1,8 +1,8 @@
 """Computes paths along closed fronts that an aircraft can fly at its turn radius.
 
 The turn centre is the centre of the circle on which the vehicle would turn away from the burned
-ground. The turn centre must stay at least one turn radius from all burned ground, so the curve of
-the turn centre is the front, offset by the turn radius. This offset bridges bays. Around a tip of
+ground. The turn centre must stay at least one turn radius from all burned ground, so the turn
+centre's curve is the front, offset by the turn radius. This offset bridges bays. Around a tip of
 the burned ground, the turn centre moves on a larger circle than the vehicle: the radius of the
 vehicle's turn is the radius of the larger circle less the turn radius. Therefore tips of the offset
 curve are widened to twice the turn radius (``tip_kernels``). The path is the widened curve, offset
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 MIN_RADIUS_CELLS = 1.0  # smaller bays and tips are not resolved by the grid
 SIMPLIFIED_CELLS = 0.2
-STEPS_PER_RADIUS = 8  # number of points of the path in one turn radius
+STEPS_PER_RADIUS = 8  # number of path points per turn radius
 TIP_TOLERANCE_RAD = 0.03
 SMOOTHED_RADII = 0.5  # length of the moving average, in turn radii
 
@@ -40,7 +40,7 @@ def path_on_loop(
 ) -> Floats:
     """Return the path (m, 2) along a closed front: rows and columns of equidistant points.
 
-    The path bridges bays narrower than the turn circle, and leads around tips narrower than the
+    The path bridges bays narrower than the turn circle, and passes around tips narrower than the
     turn circle on the unburned side. Elsewhere the path is within one cell of the front. The burned
     ground of other fronts is not taken into account.
 

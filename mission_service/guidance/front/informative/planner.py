@@ -55,15 +55,15 @@ from mission_service.guidance.protocol import Decision, Ground, Phase
 Floats = NDArray[np.float64]
 
 # Fractions of the cost that another route must save: a route on the same front, and a route to
-# another front. On the same front, a small fraction causes turns due to errors of the estimate
+# another front. On the same front, a small fraction causes turns due to errors in the estimate
 # (benchmarks.informative_routes). A vehicle on the way to another front must save MARGIN_TURN to
 # fly to a third front, or back. After a whole lap of its front, any saving suffices for a flight to
-# another front: at a small front a further lap costs so little that the saving would never reach
-# the fraction.
+# another front: on a small front another lap costs so little that the saving would never reach the
+# fraction.
 MARGIN_TURN, MARGIN_HOP = 0.5, 0.1
 MAX_WIND = 0.95  # maximum wind speed in plans, as a fraction of the airspeed
 MAX_LAP = 5.0 / 6.0  # longest path along one front, in laps; a whole lap would end at its start
-IN_VIEW_CELLS = 3.0  # a front is in view from this distance or less
+IN_VIEW_CELLS = 3.0  # a front is in view at this distance or less
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class InformativeSettings:
 
 @dataclass(frozen=True, slots=True)
 class Hop:
-    """A flight to another front: arrival position (row, column), and direction after arrival."""
+    """A flight to another front: arrival position (row, column) and direction after arrival."""
 
     row: float
     col: float
@@ -114,7 +114,7 @@ class InformativePlanner:
         self.clockwise = settings.clockwise_first
         self.reversals = 0
         self.settings = settings
-        # This map serves only the alarm about a front that no vehicle monitors.
+        # This map is used only for the alarm about a front that no vehicle monitors.
         self.map = FireMap(
             ground.landscape.shape, *ground.centre, ground.burns_from_s, RECENTRED_BASELINE_S
         )
@@ -123,7 +123,7 @@ class InformativePlanner:
         self._shared = shared
         self._plan = Plan()
         self._hops = False  # whether the vehicle flies to ``_plan.hop`` now
-        self._flown_cells = 0.0  # since the arrival at the present front
+        self._flown_cells = 0.0  # since arrival at the current front
         self._version = 0  # version of the fronts at the last decision
         self._wind = (0.0, 0.0)  # towards north and east on the grid, in cells/s
         self._place: tuple[float, float] | None = None
@@ -139,7 +139,7 @@ class InformativePlanner:
         self.map.correct_window(*view_of(observed))
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Set a measured wind that blows from ``from_deg``, clockwise from true north."""
+        """Set the measured wind, which blows from ``from_deg``, clockwise from true north."""
         toward = math.radians(float(self._landscape.grid_deg(from_deg + 180.0)))
         speed = speed_m_s / self._landscape.cell_size_m
         self._wind = (speed * math.cos(toward), speed * math.sin(toward))
@@ -173,7 +173,7 @@ class InformativePlanner:
         return None
 
     def _fly(self, moved_cells: float, row: float, col: float) -> bool:
-        """Subtract a flown distance from the plan; return whether the way out ends here."""
+        """Subtract a flown distance from the plan; return whether the outbound leg ends here."""
         plan, hop = self._plan, self._plan.hop
         if self._hops and hop is not None:
             if math.dist((row, col), (hop.row, hop.col)) <= self.settings.path.lookahead_cells:
@@ -233,9 +233,9 @@ class InformativePlanner:
         return found or self._decision(False, cost_on, cost_back)
 
     def _is_hop(self, way: Route, present: Route, own: int, nodes: FrontNodes) -> bool:
-        """Return whether a route leads to another front without a turn back on the present front.
+        """Return whether a route leads to another front without a turn back on the current front.
 
-        During a hop, return whether a route leads to the front of the hop.
+        During a hop, return whether a route leads to the destination front.
         """
         if self._hops:
             return bool(nodes.front[way.start] == nodes.front[present.start])
@@ -270,9 +270,9 @@ class InformativePlanner:
         )
 
     def _times_to(self, goals: Sequence[tuple[int, int]], nodes: FrontNodes) -> list[float]:
-        """Return the times of the fastest paths in wind from the vehicle to goals.
+        """Return the times of the fastest paths in the wind from the vehicle to the goals.
 
-        A goal is a node, and the direction there: 1 (clockwise) or -1 (anticlockwise).
+        A goal is a node and the direction of flight there: 1 (clockwise) or -1 (anticlockwise).
         """
         assert self._place is not None
         settings, (north, east) = self.settings, self._wind
@@ -306,7 +306,7 @@ class InformativePlanner:
     def _adopt(
         self, route: Route, own: int, direction: int, nodes: FrontNodes, costs: tuple[float, float]
     ) -> Decision | None:
-        """Set the current plan to a route; return the decision if the vehicle turns back."""
+        """Make a route the current plan; return the decision if the vehicle turns back."""
         if self._hops or nodes.front[route.start] != nodes.front[own]:
             place = (float(nodes.row[route.start]), float(nodes.col[route.start]))
             self._plan, self._hops = Plan(0.0, hop=Hop(*place, route.direction > 0)), True
@@ -394,7 +394,7 @@ class InformativePlanner:
 
 
 def beyond(way: Floats, distance_cells: float) -> Floats:
-    """Return the part of a way (n, 2) beyond a distance from its start; at least its end."""
+    """Return the part of a path (n, 2) beyond a distance from its start; at least its end."""
     along = lengths_along(way)
     if distance_cells >= along[-1]:
         return way[-1:]

@@ -1,11 +1,11 @@
 """Rolls out (simulates) routes along the nodes of fronts, and computes the cost of each route.
 
 The cost is the mean over time of a norm of the expected errors of all nodes. The norm is close to
-the largest error, and still falls if only smaller errors fall. On a route, the vehicle flies along
-a number of nodes in one direction. Then the vehicle turns back for a number of nodes and turns
-again, or hops (flies to a node of another front). Afterwards the vehicle flies laps around the
-front. At the end of each lap, the vehicle goes to the front with the largest errors in relation to
-the time needed to reach and lap that front.
+the largest error, but also falls if only smaller errors fall. On a route, the vehicle flies along a
+number of nodes in one direction. Then the vehicle turns back for a number of nodes and turns again,
+or hops (flies to a node of another front). Afterwards the vehicle flies laps around the front. At
+the end of each lap, the vehicle goes to the front with the largest errors relative to the time
+needed to reach and lap that front.
 """
 
 import numpy as np
@@ -63,9 +63,9 @@ def route_costs(routes, nodes, back_s, error, left, hop_s, turn_s, others, horiz
     out, the number of nodes to fly back after a turn, the node to hop to instead of the turn (-1:
     none), and the direction after the hop. The numbers of nodes may be NEVER. ``nodes`` holds
     arrays of ``FrontNodes``: front, first, nodes_of_front, weight, ahead_s, growth. ``others``
-    holds the nodes and the times of visits by other vehicles, in order of time. ``error`` (n) is
-    the error now, and ``left`` the error of a node in view. ``log`` (k, 2) is filled with the nodes
-    and the times of the first visits of the last route; in unused rows, the node is -1.
+    holds the nodes and times of visits by other vehicles, in chronological order. ``error`` (n) is
+    the current error, and ``left`` the error of a node in view. ``log`` (k, 2) is filled with the
+    nodes and times of the first visits of the last route; in unused rows, the node is -1.
     """
     first_node, direction, delay_s, out, back, hop, hop_direction = routes
     _, first, count, weight, ahead_s, growth = nodes

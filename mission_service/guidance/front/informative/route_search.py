@@ -17,14 +17,14 @@ Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
 MAX_VISITS = 2 * MAX_NODES
-# Lengths of the ways out and back, as fractions of the nodes of a front.
+# Lengths of the outbound and return legs, as fractions of a front's nodes.
 OUT = (0.03, 0.07, 0.12, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9)
 BACK = (0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8)
 OUT_BEFORE_HOP = (0.1, 0.25, 0.5, 0.75, 1.0)
 
 
 class Route(NamedTuple):
-    """A route: a way out, then a turn and a way back, or a hop to a node of another front.
+    """A route: an outbound leg, then a turn and a return leg, or a hop to a node of another front.
 
     ``start`` is the first node, which the vehicle reaches after ``delay_s``. ``out`` and ``back``
     are numbers of nodes. Directions are 1 (clockwise) or -1 (anticlockwise). ``hop`` is the node
@@ -44,18 +44,18 @@ class Situation(NamedTuple):
     """The fronts and the vehicle at the time of a decision.
 
     ``hop_s`` (n, n) is the flight time between nodes, and ``others`` (k, 2) the nodes and times
-    (from now) of the expected visits by other vehicles, in order of time.
+    (from now) of the expected visits by other vehicles, in chronological order.
     """
 
     nodes: FrontNodes
-    error: Floats  # expected error of each node now, in cells
+    error: Floats  # current expected error of each node, in cells
     hop_s: Floats
     turn_s: float
     others: Floats
 
 
 class Search(NamedTuple):
-    """The costs of routes, in the order of the routes."""
+    """The costs of routes, in the same order as the routes."""
 
     costs: Floats
     visits: Floats  # (k, 2) node and time of the first visits of the last route
@@ -67,7 +67,7 @@ def horizon_s(nodes: FrontNodes) -> float:
 
 
 def evaluate(routes: list[Route], situation: Situation) -> Search:
-    """Return the costs of routes: the errors' norm, averaged over time, in cells."""
+    """Return the costs of routes: the norm of the errors, averaged over time, in cells."""
     nodes = situation.nodes
     columns = tuple(
         np.array(column, dtype=np.float64 if name == "delay_s" else np.int64)
@@ -114,7 +114,7 @@ def routes_along(place: int, direction: int, delay_s: float, situation: Situatio
 
 
 def entries(place: int, situation: Situation) -> list[int]:
-    """Return the nodes at which to enter each other front: the nearest, and the least accurate."""
+    """Return two nodes at which to join each of the other fronts: nearest and least accurate."""
     nodes, found = situation.nodes, []
     for first in np.unique(nodes.first).tolist():
         if first == nodes.first[place]:

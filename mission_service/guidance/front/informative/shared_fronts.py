@@ -1,4 +1,4 @@
-"""The estimated fronts that all vehicles of a run share, and the visits that each vehicle plans."""
+"""The estimated fronts shared by all vehicles of a run, and the visits planned by each vehicle."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ class SharedFronts:
         self._visits: dict[str, Floats] = {}
 
     def replace_fronts(self, event: FrontsEstimated) -> None:
-        """Replace the fronts with those fronts of an event that are long enough."""
+        """Replace the fronts with the sufficiently long fronts in an event."""
         fronts = [front_of(each, event.at_us / 1e6, self._cell_m) for each in event.fronts]
         self.fronts = [
             front
@@ -43,7 +43,7 @@ class SharedFronts:
         return self._unburned
 
     def set_visits(self, vehicle: str, visits: Floats) -> None:
-        """Store the visits (n, 3; row, column, time in s) that a vehicle plans."""
+        """Store the visits (n, 3; row, column, time in s) planned by a vehicle."""
         self._visits[vehicle] = visits
 
     def remove_vehicle(self, vehicle: str) -> None:
@@ -51,6 +51,6 @@ class SharedFronts:
         self._visits.pop(vehicle, None)
 
     def visits_of_others(self, vehicle: str) -> Floats:
-        """Return the visits (n, 3; row, column, time in s) that other vehicles plan."""
+        """Return the visits (n, 3; row, column, time in s) planned by other vehicles."""
         found = [visits for name, visits in sorted(self._visits.items()) if name != vehicle]
         return np.concatenate(found) if found else NO_VISITS

@@ -1,12 +1,12 @@
 """Compiled inner loops of ``loop_path``: they widen the tips of a closed curve to a given radius.
 
 The curve is an array (n, 2) of columns and rows. Burned ground is on the right of the direction of
-travel, as seen on a map; row numbers grow southwards. At a tip of the burned ground, the curve
+travel, as seen on a map; row numbers increase southwards. At a tip of the burned ground, the curve
 turns right.
 
-The excess at a place is the angle by which the curve turns right there, less the angle by which a
-circle of the given radius turns over the same length. A vehicle can fly a section if no part of the
-section has a positive sum of the excess.
+The excess at a point is the angle through which the curve turns right there, less the angle through
+which a circle of the given radius turns over the same length. A vehicle can fly a section if the
+excess does not sum to a positive value over any part of it.
 """
 
 import math
@@ -15,14 +15,14 @@ import numpy as np
 
 from firemodel.compiled import kernel
 
-MAX_ROUNDS = 50  # each round leaves fewer tips; three rounds are usual
+MAX_ROUNDS = 50  # each round leaves fewer tips; three rounds usually suffice
 
 
 @kernel
 def widen_tips(curve, excess, radius, tolerance_rad):  # type: ignore[no-untyped-def]
-    """Replace each tip of a curve (n, 2), in place, by an arc of a circle that contains the tip.
+    """Replace each tip of a curve (n, 2), in place, with an arc of a circle that contains the tip.
 
-    The circles have the given radius. Sections with an excess up to the tolerance are not changed.
+    The circles have the given radius. Sections with an excess up to the tolerance remain unchanged.
     ``excess`` (n) is a work array.
     """
     for place in range(len(curve)):
@@ -53,7 +53,7 @@ def _widen_once(curve, excess, radius, tolerance_rad):  # type: ignore[no-untype
 
 @kernel
 def _widen(curve, excess, first, count, radius):  # type: ignore[no-untyped-def]
-    """Replace a section, or the sharpest part that a circle can contain, by an arc."""
+    """Replace a section, or the sharpest part that a circle can contain, with an arc."""
     count = min(count, len(curve) - 1)
     found, x, y = _circle_around(curve, first, count, radius)
     while not found:  # the section turns too far for one circle
@@ -67,7 +67,7 @@ def _widen(curve, excess, first, count, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def _steps_at(curve, place):  # type: ignore[no-untyped-def]
-    """Return the steps (x, y, x, y) from the previous place, and to the next place."""
+    """Return the steps (x, y, x, y) from the previous point and to the next point."""
     size = len(curve)
     before, here, after = (place - 1) % size, place % size, (place + 1) % size
     x, y = curve[here, 0], curve[here, 1]
@@ -89,7 +89,7 @@ def _excess(curve, place, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def _calmest(excess):  # type: ignore[no-untyped-def]
-    """Return a place where the closed curve can be cut without cutting a sharp section in two."""
+    """Return a point where the closed curve can be cut without splitting a sharp section."""
     total, most, calmest = 0.0, -np.inf, 0
     for place in range(len(excess)):
         total += excess[place]
@@ -100,9 +100,9 @@ def _calmest(excess):  # type: ignore[no-untyped-def]
 
 @kernel
 def _sharpest(excess, start, count):  # type: ignore[no-untyped-def]
-    """Return the first place, the number of places and the excess of the sharpest section.
+    """Return the first point, the number of points and the excess of the sharpest section.
 
-    This section has the largest sum of the excess (Kadane's algorithm) among ``count`` places from
+    This section has the largest sum of the excess (Kadane's algorithm) among ``count`` points from
     ``start``.
     """
     size = len(excess)
@@ -121,7 +121,7 @@ def _sharpest(excess, start, count):  # type: ignore[no-untyped-def]
 def _circle_around(curve, first, count, radius):  # type: ignore[no-untyped-def]
     """Return whether a circle contains a section, and the centre farthest behind the section.
 
-    The centre is on the section's axis, which points outwards from the middle of the chord.
+    The centre is on the section's axis, which points outwards from the chord's midpoint.
     """
     size = len(curve)
     axis_x, axis_y = 0.0, 0.0
@@ -129,7 +129,7 @@ def _circle_around(curve, first, count, radius):  # type: ignore[no-untyped-def]
         x0, y0, x1, y1 = _steps_at(curve, place)
         turn = max(_angle_between(x0, y0, x1, y1), 0.0)
         length0, length1 = math.hypot(x0, y0), math.hypot(x1, y1)
-        # The left normal of the direction (x, y) is (y, -x), because y grows southwards.
+        # The left normal of the direction (x, y) is (y, -x), because y increases southwards.
         axis_x += turn * (y0 / length0 + y1 / length1)
         axis_y -= turn * (x0 / length0 + x1 / length1)
     norm = math.hypot(axis_x, axis_y)
@@ -153,9 +153,9 @@ def _circle_around(curve, first, count, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def _follow_circle(curve, excess, first, count, x, y, radius):  # type: ignore[no-untyped-def]
-    """Move a section, and adjacent places inside a circle, to this circle."""
+    """Move a section, and adjacent points inside a circle, onto this circle."""
     size = len(curve)
-    last, most = first + count - 1, size - 1  # one place stays, so that the curve remains closed
+    last, most = first + count - 1, size - 1  # one point stays, so that the curve remains closed
     while last - first + 1 < most and _is_inside(curve, first - 1, x, y, radius):
         first -= 1
     while last - first + 1 < most and _is_inside(curve, last + 1, x, y, radius):

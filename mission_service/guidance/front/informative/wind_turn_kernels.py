@@ -1,12 +1,12 @@
 """Compiled inner loops of ``wind_turns``: Dubins paths to a goal that moves relative to the air.
 
-Relative to the air, the vehicle flies at constant airspeed, and the goal moves at the wind speed in
-the opposite direction. The vehicle meets the goal at the first time t at which the path to the
-goal's position at time t is as long as the distance that the vehicle has flown through the air.
+Relative to the air, the vehicle flies at constant airspeed, and the goal moves against the wind at
+the wind speed. The vehicle meets the goal at the first time t at which the path to the goal's
+position at time t is as long as the distance that the vehicle has flown through the air.
 
 Headings are in radians, anticlockwise from x. Each family of paths consists of a left or right
-turn, then a straight leg or an opposite turn, then a turn. A family that begins with a right turn
-is computed as a mirror image: with y and headings negated, the family begins with a left turn.
+turn, then a straight leg or an opposite turn, then another turn. A family that begins with a right
+turn is computed as a mirror image: with y and headings negated, the family begins with a left turn.
 ``pose`` holds x and y of the goal relative to the start, and the headings at the start and at the
 goal. ``air`` holds the airspeed, the turn radius, and x and y of the wind.
 """
@@ -20,11 +20,11 @@ from firemodel.compiled import kernel
 FAMILIES = ("LSL", "LSR", "LRL", "LRL", "RSR", "RSL", "RLR", "RLR")
 LSL, LSR, LONG, SHORT = range(4)  # long and short middle turn
 MIRRORED = 4  # families from this number on begin with a right turn
-# Families without a straight leg are last, because most of them soon exceed the best time.
+# Families without a straight leg come last, because most of them soon exceed the best time.
 ORDER = (0, 1, 4, 5, 2, 3, 6, 7)
-STEPS_PER_RADIUS = 16  # smallest time steps of the search per turn radius of relative motion
+STEPS_PER_RADIUS = 16  # number of smallest search steps per turn radius of relative motion
 BISECTIONS = 60
-TOLERANCE = 1e-6  # of a path's length, in turn radii
+TOLERANCE = 1e-6  # in a path's length, in turn radii
 JUMP = 3.0  # in turn radii; a path's length jumps by a full circle, or to infinity
 
 
@@ -32,7 +32,7 @@ JUMP = 3.0  # in turn radii; a path's length jumps by a full circle, or to infin
 def fastest(starts, goals, airspeed, radius, wind, found):  # type: ignore[no-untyped-def]
     """Compute the fastest paths from starts to goals (n, 3): x, y and heading.
 
-    Each row of ``found`` (n, 5) gets the path's time, its family, and the lengths of its three
+    Each row of ``found`` (n, 5) receives the path's time, its family, and the lengths of its three
     parts through the air. ``wind`` (2) is the velocity of the air, slower than the airspeed.
     """
     for pair in range(len(starts)):
@@ -61,15 +61,15 @@ def _meeting(family, pose, air, latest):  # type: ignore[no-untyped-def]
     if straight:
         # The shortest path is longer than the distance to the goal by at most 7 pi turn radii.
         end = min(latest, (away + 7.0 * math.pi * radius) / (airspeed - speed))
-    elif away > 6.0 * radius:  # too far for three turns until the goal has come nearer
+    elif away > 6.0 * radius:  # too far for three turns until the goal is nearer
         time = (away - 6.0 * radius) / speed if speed > 0.0 else latest
     spare = _spare(family, pose, air, time)
     while time < end:
         step = least_step
         if straight and 0.0 < spare < np.inf:
             # The length of a path with a straight leg changes no faster than the goal moves, except
-            # in jumps. Near the goal, the goal's bearing changes fast, and several jumps may follow
-            # each other. The length of a path of three turns may change faster than the goal moves.
+            # at jumps. Near the goal, its bearing changes fast, and several jumps may follow in
+            # succession. The length of a path of three turns may change faster than the goal moves.
             x, y = pose[0] - wind_x * time, pose[1] - wind_y * time
             far = max(math.hypot(x, y) - 2.0 * radius, 0.0)
             step = max(step, min(spare, far / 8.0) / (airspeed + speed))

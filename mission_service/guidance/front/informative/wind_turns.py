@@ -38,7 +38,7 @@ class Flight:
 def turn_times_s(starts: Floats, goals: Floats, flight: Flight) -> Floats:
     """Return the times (n) of the fastest paths from starts (n, 3) to goals (n, 3).
 
-    The search proceeds in steps of time. The result is infinite if the search finds no path.
+    The search proceeds in time steps. The result is infinite if the search finds no path.
     """
     return fastest_paths(starts, goals, flight)[:, 0]
 

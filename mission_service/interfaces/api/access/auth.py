@@ -1,6 +1,6 @@
-"""Authenticates HTTP clients by tokens with roles; only SHA-256 sums of tokens are stored.
+"""Authenticates HTTP clients by tokens with roles; only the SHA-256 hashes of tokens are stored.
 
-A token has 32 random bytes and cannot be guessed, so its sum needs no salt and no slow hash.
+A token has 32 random bytes and cannot be guessed, so its hash needs no salt and need not be slow.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from mission_service.runtime.redaction import hide
 from mission_service.value_errors import in_words
 
 ROLES: tuple[Role, ...] = get_args(Role)
-TOKEN_FILE = "token"  # name of the file in the folder of a run
+TOKEN_FILE = "token"  # name of the file in the run's folder
 LONGEST_TOKEN = 200
 _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{20,{LONGEST_TOKEN}}}")
 
@@ -49,7 +49,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def highest_role(self) -> Role:
-        """The last role of ``ROLES`` that this user has."""
+        """The last role in ``ROLES`` that this user has."""
         return next(role for role in reversed(ROLES) if self.may(role))
 
 
@@ -58,7 +58,7 @@ class _TokensFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def sum_of(token: str) -> str:
-    """Return the SHA-256 sum of a token, which is stored instead of the token."""
+    """Return the SHA-256 hash of a token, which is stored instead of the token."""
     return hashlib.sha256(token.encode()).hexdigest()
 
 
@@ -70,7 +70,7 @@ def new_token() -> str:
 def read_tokens(path: Path) -> tuple[User, ...]:
     """Return the users in a tokens file.
 
-    Raises MissionServiceError, whose text contains the file, the place in the file and the error.
+    Raises MissionServiceError, whose text gives the file, the position in the file and the error.
     """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -125,7 +125,7 @@ def own_token(out: Path) -> str:
 
 
 class Tokens:
-    """The valid tokens: all tokens in a file, read again after each change, or the token of a run.
+    """The valid tokens: those in a file, which is read again after each change, or the run's token.
 
     If ``named``, each token is personal and determines the name in requests; the token of a run is
     not personal. If the file becomes invalid, the tokens stay valid and a warning is logged,
@@ -179,7 +179,7 @@ class Tokens:
 
 
 def _stamp(path: Path | None) -> tuple[int, ...]:
-    """Return a value that changes when the file is changed or replaced; () without a file."""
+    """Return a value that changes when the file is modified or replaced; () if there is no file."""
     if path is None:
         return ()
     try:

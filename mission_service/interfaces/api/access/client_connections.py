@@ -19,14 +19,14 @@ class ClientConnection:
 
 
 class ClientConnections:
-    """All connections, in the order of their arrival."""
+    """All connections, in order of arrival."""
 
     def __init__(self) -> None:
         self._unproven: dict[ClientConnection, None] = {}
         self._proven: dict[ClientConnection, None] = {}
 
     def add(self, connection: ClientConnection) -> None:
-        """Add a connection; beyond a limit, close the oldest of this or of the busiest client."""
+        """Add a connection; beyond a limit, close the oldest of this or the busiest client."""
         self._unproven[connection] = None
         counts = Counter(each.client for each in self._unproven)
         if counts[connection.client] > MAX_OF_AN_ADDRESS:
@@ -35,7 +35,7 @@ class ClientConnections:
             self._cut_oldest(max(counts, key=lambda client: counts[client]))
 
     def prove(self, connection: ClientConnection) -> None:
-        """Mark a connection as one with a valid token, if fewer than ``MAX_PROVEN`` are marked."""
+        """Mark a connection as having a valid token, if fewer than ``MAX_PROVEN`` are marked."""
         if connection in self._unproven and len(self._proven) < MAX_PROVEN:
             del self._unproven[connection]
             self._proven[connection] = None

@@ -32,17 +32,17 @@ UPLOADS = ("/api/v1/fire/perimeter", "/api/v1/fire/observations/geotiff", "/api/
 BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 HEALTH = ("/healthz", "/readyz")
-# Limits of concurrent requests with a token: for requests that read (including live streams), and
+# Limits on concurrent requests with a token: for requests that read (including live streams), and
 # for requests that change something.
 MAX_READING, MAX_CHANGING = 64 + MAX_STREAMS, 64
-# Limits of concurrent requests of tokens with only the role observe: for all such tokens together,
-# and for each token. Observations wait for the estimate; requests of operators must not wait for
-# detectors.
+# Limits on concurrent requests from tokens with only the role observe: for all such tokens
+# together, and for each token. Observations wait for the estimate; requests of operators must not
+# wait for detectors.
 MAX_DETECTING, MAX_OF_A_DETECTOR = 24, 4
-# Limits of concurrent requests without a token (for the page): for all clients together, and for
+# Limits on concurrent requests without a token (for the page): for all clients together, and for
 # each client.
 MAX_ANONYMOUS, MAX_OF_AN_ANONYMOUS = 32, 16
-# A client that reads nothing for this time is disconnected, with and without a token.
+# A client that reads nothing for this long is disconnected, with or without a token.
 SEND_WITHIN_S, ANONYMOUS_WITHIN_S = 30.0, 10.0
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
@@ -113,7 +113,7 @@ class AccessGuard:
             await self._app(scope, receive, bounded)
         except _DisconnectedError:
             return
-        except ApiError as error:  # an error of the body
+        except ApiError as error:  # an error in the body
             await _refuse(bounded, error)
         except TooSlowError:
             await _cut(scope)
@@ -263,7 +263,7 @@ def _origin(scope: Scope, host: str) -> str:
 
 
 def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str]) -> None:
-    """Refuse requests from pages of other sites, by the headers that browsers send."""
+    """Refuse requests from pages of other sites, based on the headers that browsers send."""
     for origin in headers.get(b"origin", []):
         if origin.decode("latin-1").lower() not in own:
             raise ApiError(403, "pages of other origins may not use the service")

@@ -56,6 +56,6 @@ def _text(path: Path) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return a text as a basic string of TOML; ``read_tokens`` refuses control characters."""
+    """Return a text as a TOML basic string; ``read_tokens`` refuses control characters."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'

@@ -1,4 +1,4 @@
-"""Adds the routes of basemaps: files of map tiles, and lines from the landscape's elevation."""
+"""Adds the routes of basemaps: map tile files, and lines derived from the elevation."""
 
 from functools import partial
 

@@ -1,1 +1,1 @@
-"""Basemaps: files of map tiles and images in a folder, and lines from the landscape's elevation."""
+"""Basemaps: map tile files and images in a folder, and lines derived from the elevation."""

@@ -1,4 +1,4 @@
-"""Cuts the tiles of an area from basemaps, into one PMTiles file for each."""
+"""Extracts the tiles of an area from basemaps into one PMTiles file per basemap."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -40,9 +40,9 @@ def pack(
 ) -> int:
     """Write the tiles of ``source`` in an area to ``out``; return their number.
 
-    Equal tiles give identical files. ``progress`` receives the number of tiles read and the number
-    of all tiles. Raises MissionServiceError for an area that the source does not contain, or with
-    more than ``MAX_TILES`` tiles.
+    Equal tiles give identical files. ``progress`` receives the number of tiles read and the total
+    number of tiles. Raises MissionServiceError for an area that the source does not contain, or
+    with more than ``MAX_TILES`` tiles.
     """
     basemap = source.basemap
     area = common(box, basemap.bounds)

@@ -1,4 +1,4 @@
-"""Draws map tiles of a georeferenced raster with GDAL; overviews of a COG are used."""
+"""Draws map tiles of a georeferenced raster with GDAL, using the overviews of a COG."""
 
 import io
 import math
@@ -13,14 +13,14 @@ from mission_service.interfaces.maps.mercator import WORLD_M
 from mission_service.interfaces.maps.terrain import TILE, tile_box
 
 QUALITY = 80
-SAMPLE = 512  # pixels along each side, from which the contrast of values above 8 bits is computed
+SAMPLE = 512  # pixels along each side of the sample that sets the contrast of values above 8 bits
 CONTRAST_PCT = (2.0, 98.0)  # these percentiles become black and white
 HIGHEST_ZOOM = 22
 WIDTH_ZOOMS = 3  # at the lowest zoom the raster fills at least 1/2**3 of the width of a tile
 
 
 class RasterTiles:
-    """The tiles of one raster; each read opens the file, so that threads can read at once."""
+    """The tiles of one raster; each read opens the file, so that threads can read concurrently."""
 
     def __init__(self, path: Path) -> None:
         """Read the extent, the resolution and the range of values. Raises MissionServiceError."""
@@ -49,7 +49,7 @@ class RasterTiles:
 
     @staticmethod
     def _range_of(source: Any) -> tuple[float, float] | None:
-        """Return the values that become black and white; None for 8 bits."""
+        """Return the values that become black and white; None for 8-bit values."""
         if all(each == "uint8" for each in source.dtypes):
             return None
         shape = (source.count, min(source.height, SAMPLE), min(source.width, SAMPLE))
@@ -61,7 +61,7 @@ class RasterTiles:
         return float(low), float(max(high, low + 1e-9))
 
     def draw(self, z: int, x: int, y: int) -> bytes | None:
-        """Return a tile as WebP, or None if the raster has no value in it."""
+        """Return a tile as WebP, or None if the raster has no values there."""
         import rasterio
         from affine import Affine
         from PIL import Image

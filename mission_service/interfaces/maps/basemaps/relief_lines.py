@@ -1,7 +1,7 @@
-"""Contour lines and drainage lines of a landscape, from its elevation, as GeoJSON.
+"""Computes the contour and drainage lines of a landscape from its elevation, as GeoJSON.
 
-Drainage lines follow the steepest way out of each cell; depressions are filled by the algorithm
-Priority-Flood (Barnes, Lehman & Mulla 2014, doi:10.1016/j.cageo.2013.04.024).
+Drainage lines follow the steepest descent from each cell; depressions are filled by the
+Priority-Flood algorithm (Barnes, Lehman & Mulla 2014, doi:10.1016/j.cageo.2013.04.024).
 """
 
 import heapq
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import Landscape
 from mission_service.interfaces.maps.terrain import halved
 
-MAX_CELLS = 300_000  # larger landscapes are reduced to means of 2 x 2, 4 x 4, ... cells
+MAX_CELLS = 300_000  # larger landscapes are averaged over 2 x 2, 4 x 4, ... cells
 INTERVALS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 25.0, 50.0, 100.0, 200.0)
 MAX_LEVELS = 30
-INDEX_EVERY = 5  # each fifth contour line is drawn bold and has a label
+INDEX_EVERY = 5  # every fifth contour line is bold and labelled
 MIN_DRAINED_M2 = 250_000.0
 MIN_RELIEF_M = 5.0  # flatter landscapes have no drainage lines
-TOLERANCE_CELLS = 0.35  # distance by which simplified lines may differ
+TOLERANCE_CELLS = 0.35  # maximum deviation of simplified lines
 NEIGHBOURS = [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]
 
 Heights = NDArray[np.float64]
@@ -45,7 +45,7 @@ def relief_lines(landscape: Landscape) -> dict[str, Any]:
 
 
 def interval_m(relief_m: float) -> float:
-    """Return the vertical distance of contour lines for a landscape with this relief."""
+    """Return the contour interval for a landscape with this relief."""
     return next((each for each in INTERVALS_M if relief_m / each <= MAX_LEVELS), INTERVALS_M[-1])
 
 
@@ -137,7 +137,7 @@ def _drainage(landscape: Landscape, heights: Heights, size: float) -> list[dict[
 
 
 def _smoothed(cells: Positions) -> Positions:
-    """Return a path of cells without most of its steps of 45 degrees; its ends stay."""
+    """Return a path of cells with its 45-degree steps smoothed and its ends unchanged."""
     if len(cells) < 3:
         return cells
     middles = [(one + other) / 2.0 for one, other in pairwise(cells)]

@@ -80,7 +80,7 @@ class PmtilesFile:
         try:
             with self._reader() as reader:
                 header, self.metadata = reader.header(), reader.metadata()
-        except Exception as error:  # the library raises errors of many classes for damaged files
+        except Exception as error:  # the library raises many classes of errors for damaged files
             raise MissionServiceError(f"{path}: not a PMTiles file of version 3: {error}") from None
         self.tile_type = header["tile_type"]
         if self.tile_type not in TYPES:
@@ -152,7 +152,7 @@ class MbtilesFile:
 
     @property
     def is_gzipped(self) -> bool:
-        """Return whether the tiles are compressed; vector tiles of MBTiles are."""
+        """Return whether the tiles are compressed; vector tiles in MBTiles files are."""
         return self.tile_type is TileType.MVT
 
     @contextlib.contextmanager
@@ -174,7 +174,7 @@ class RasterFile:
 
     tile_type = TileType.WEBP
     is_gzipped = False
-    MAX_TILES = 256  # in memory
+    MAX_TILES = 256  # kept in memory
 
     def __init__(self, path: Path) -> None:
         """Read the extent and the resolution. Raises MissionServiceError."""
@@ -200,7 +200,7 @@ OF_SUFFIX: dict[str, type[PmtilesFile] | type[MbtilesFile] | type[RasterFile]] =
 
 
 def _layers(described: Any) -> tuple[str, ...]:
-    """Return the names of layers in the metadata of vector tiles."""
+    """Return the layer names in the metadata of vector tiles."""
     if not isinstance(described, list):
         return ()
     return tuple(str(each["id"]) for each in described if isinstance(each, dict) and "id" in each)
@@ -217,7 +217,7 @@ def tile_file(path: Path) -> TileFile:
 
 
 def tile_files(folder: Path) -> tuple[dict[str, TileFile], list[str]]:
-    """Return the basemaps in a folder by name, and a line for each file that is not usable."""
+    """Return the basemaps in a folder by name, and a line of text for each unusable file."""
     found: dict[str, TileFile] = {}
     problems = []
     for path in sorted(folder.iterdir()):
