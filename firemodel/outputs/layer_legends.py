@@ -146,7 +146,7 @@ def fuel_layer(codes: NDArray[np.integer]) -> Layer:
     """Return the fuel code layer: a hue for each group, darker for higher codes.
 
     Args:
-        codes: An array of fuel codes. Codes that are not standard are custom fuels.
+        codes: An array of fuel codes. Non-standard codes denote custom fuel models.
     """
     classes = [
         ColourClass(

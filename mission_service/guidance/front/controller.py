@@ -1,4 +1,4 @@
-"""Guides vehicles along a front with missions, each replaced when its path becomes outdated."""
+"""Guides vehicles along a front by missions; replaces a mission when its path becomes outdated."""
 
 from collections.abc import Mapping
 

@@ -130,7 +130,7 @@ def _place(area: BaseGeometry) -> str:
 
 
 def printable(file_name: str) -> str:
-    """Return the name of a file for messages, without folders and control characters."""
+    """Return a file's name for use in messages, without its folders and control characters."""
     name = re.split(r"[/\\]", file_name)[-1]
     return "".join(c if c.isprintable() else "?" for c in name)[:80] or "upload"
 
