@@ -7,6 +7,7 @@ keep the vehicle out of them while the service flies there.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from autopilot_bridge.items import Items
 from autopilot_bridge.missions.fence_file import fence_of
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.volumes import Volume, area_of, closed_in, ground_range_m, volume_of
+from mission_service.config.airspace_section import AreaSection
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 
@@ -45,59 +47,80 @@ def fence_for(vehicle: VehicleSection, scenario: Scenario, landscape: Landscape)
         ScenarioError: A file of volumes cannot be read, or an area cannot be used.
     """
     section = scenario.airspace
-    top_m = _highest_m(vehicle, landscape)
+    top_m = _highest_m(vehicle, scenario, landscape)
     polygons: list[dict[str, Any]] = []
     circles: list[dict[str, Any]] = []
     left_out = []
     for entry in closed_in(section):
         volume = volume_of(entry, landscape)
-        reason = _unusable(volume, scenario, top_m, landscape)
+        parts = _polygons(volume.area_m)
+        reason = _unusable(volume, scenario, top_m, landscape) or _not_outlined(parts)
         if reason:
             left_out.append(f"{entry.name}: {reason}")
         elif entry.radius_m is not None:
-            centre = [entry.lat_deg, entry.lon_deg]
-            circle = {"center": centre, "radius": entry.radius_m}
-            circles.append({"circle": circle, "inclusion": False})
+            circles.append(_circle(entry, False))
         else:
-            polygons += [_polygon(each, False, landscape) for each in _rings(volume.area_m)]
+            polygons += [_polygon(each, False, landscape) for each in parts]
     if section.allowed:
-        inside = shapely.union_all([area_of(entry, landscape) for entry in section.allowed])
-        rings = _rings(inside)
-        if len(rings) == 1 and not shapely.get_num_interior_rings(inside):
-            polygons.append(_polygon(rings[0], True, landscape))
+        inside = _polygons(
+            shapely.union_all([area_of(each, landscape) for each in section.allowed])
+        )
+        reason = _not_outlined(inside)
+        if reason or len(inside) > 1:
+            left_out.append(f"allowed areas: {reason or 'they are apart'}")
+        elif len(section.allowed) == 1 and section.allowed[0].radius_m is not None:
+            circles.append(_circle(section.allowed[0], True))
         else:
-            left_out.append("allowed areas: their union has more than one outline")
+            polygons.append(_polygon(inside[0], True, landscape))
     fence = {"version": 2, "polygons": polygons, "circles": circles}
     return VehicleFence(fence_of(fence), tuple(left_out))
 
 
-def _highest_m(vehicle: VehicleSection, landscape: Landscape) -> float:
+def _highest_m(vehicle: VehicleSection, scenario: Scenario, landscape: Landscape) -> float:
     """Return the highest altitude of a vehicle's missions and returns, above mean sea level."""
     elevation_m = landscape.elevation_m
     ground_m = 0.0 if elevation_m is None else float(np.nanmax(elevation_m))
-    return ground_m + max(vehicle.altitude_agl_m, RETURN_HEIGHT_M)
+    burn_m = 0.0 if scenario.burn is None else scenario.burn.safe_height_m
+    return ground_m + max(vehicle.altitude_agl_m, burn_m, RETURN_HEIGHT_M)
 
 
 def _unusable(volume: Volume, scenario: Scenario, top_m: float, landscape: Landscape) -> str:
     """Return why a fence cannot contain a volume; "" if it can."""
     if volume.from_s > scenario.first_flight_s or volume.until_s < scenario.duration_s:
         return "it is not closed during the whole run"
-    if volume.floor_m > -math.inf and volume.floor_m > ground_range_m(volume.area_m, landscape)[0]:
+    if volume.floor_m == -math.inf and volume.ceiling_m == math.inf:
+        return ""
+    if landscape.elevation_m is None:
+        return "it has limits of altitude, and the landscape has no elevation"
+    lowest_m = ground_range_m(volume.area_m, landscape)[0]
+    if not volume.floor_m <= lowest_m:  # also if the ground is not known
         return "it begins above the ground"
-    if volume.ceiling_m < top_m:
+    if not volume.ceiling_m >= top_m:
         return f"its ceiling is below {top_m:.0f} m AMSL, up to which the vehicle may fly"
     return ""
 
 
-def _rings(area_m: BaseGeometry) -> list[shapely.LinearRing]:
-    """Return the outlines of an area, without holes."""
-    parts = shapely.get_parts(area_m)
-    return [part.exterior for part in parts if part.geom_type == "Polygon"]
+def _not_outlined(parts: Sequence[shapely.Polygon]) -> str:
+    """Return why the outlines of polygons do not describe them; "" if they do."""
+    return "" if parts and not any(part.interiors for part in parts) else "its outline has a hole"
 
 
-def _polygon(ring: shapely.LinearRing, inclusion: bool, landscape: Landscape) -> dict[str, Any]:
-    """Return the polygon of a plan file for a ring (x, y in metres)."""
-    places_m = shapely.get_coordinates(ring)[:-1]
+def _polygons(area_m: BaseGeometry) -> list[shapely.Polygon]:
+    """Return the polygons of an area, also those in nested collections."""
+    if isinstance(area_m, shapely.Polygon):
+        return [] if area_m.is_empty else [area_m]
+    return [part for each in getattr(area_m, "geoms", ()) for part in _polygons(each)]
+
+
+def _circle(entry: AreaSection, inclusion: bool) -> dict[str, Any]:
+    """Return the circle of a plan file."""
+    circle = {"center": [entry.lat_deg, entry.lon_deg], "radius": entry.radius_m}
+    return {"circle": circle, "inclusion": inclusion}
+
+
+def _polygon(part: shapely.Polygon, inclusion: bool, landscape: Landscape) -> dict[str, Any]:
+    """Return the polygon of a plan file for the outline of an area (x, y in metres)."""
+    places_m = shapely.get_coordinates(part.exterior)[:-1]
     lat_deg, lon_deg = landscape.lat_lon_of(places_m[:, 0], places_m[:, 1])
     corners = [[float(lat), float(lon)] for lat, lon in zip(lat_deg, lon_deg, strict=True)]
     return {"inclusion": inclusion, "polygon": corners}

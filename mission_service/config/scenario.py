@@ -352,7 +352,7 @@ def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...]
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError(f"{path}: {'.'.join((*keys, _in_words(error, kind)))}") from None
+        raise ScenarioError(f"{path}: {_in_words(error, kind, keys)}") from None
 
 
 def _in_layers(scenario: Scenario) -> Scenario:
@@ -443,29 +443,31 @@ def flying(scenario: Scenario) -> Scenario:
     return scenario
 
 
-def _in_words(error: ValidationError, kind: type[BaseModel]) -> str:
+def _in_words(error: ValidationError, kind: type[BaseModel], keys: tuple[str, ...]) -> str:
+    """Return the first errors in words; ``keys`` lead to the checked table."""
     # A misspelt key comes before the missing key that it stands for.
     errors = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
-    words = list(dict.fromkeys(_error_in_words(each, kind) for each in errors))
-    more = [f"and {len(words) - MAX_ERRORS} more"] if len(words) > MAX_ERRORS else []
-    return "; ".join([*words[:MAX_ERRORS], *more])
+    schema = kind.model_json_schema()
+    words = [".".join((*keys, _error_in_words(each, schema))) for each in errors[:MAX_ERRORS]]
+    others = len(errors) - MAX_ERRORS
+    more = [f"and {others} more"] if others > 0 else []
+    return "; ".join([*dict.fromkeys(words), *more])
 
 
-def _error_in_words(error: ErrorDetails, kind: type[BaseModel]) -> str:
+def _error_in_words(error: ErrorDetails, schema: dict[str, Any]) -> str:
     key = ".".join(str(part) for part in error["loc"]) or "scenario"
     value = error.get("input")
     # The value of a key with one of these names, even if misspelt, may be a secret.
-    secret = re.search("key|sign|password|token", key)
+    secret = re.search("key|sign|pass|pwd|secret|token|auth|cred", key, re.IGNORECASE)
+    secret = secret or re.search("://[^/]*@", str(value))
     shown = "" if secret or isinstance(value, BaseModel) else got(value)
     if error["type"] == "extra_forbidden":
         *table, name = error["loc"]
-        meant = did_you_mean(str(name), keys_at(kind.model_json_schema(), table))
-        return f"{key}: unknown key{shown}{meant}"
+        return f"{key}: unknown key{shown}{did_you_mean(str(name), keys_at(schema, table))}"
     if error["type"] in OWN_ERRORS:
         return f"{key}: {error['msg'].removeprefix('Value error, ')}{shown}"
     if error["type"] == "timezone_aware":
         return f"{key}: has no UTC offset; add it, as in 2026-08-01T12:00:00-07:00{shown}"
-    schema = kind.model_json_schema()
     if error["type"] == "missing":
         return missing_key(error["loc"], schema)
     found = schema_at(schema, error["loc"])

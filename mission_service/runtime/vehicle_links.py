@@ -39,6 +39,7 @@ from mission_service.runtime.link_signing import SigningRefusals, refusal, signi
 from mission_service.vehicles.parameter_reports import ParameterReports
 
 REPORT_SILENCE_AFTER_US = 4_000_000
+MAX_SENDERS = 3  # in one report
 # Vehicles exceed the commanded airspeed: ArduPlane flew at 23 instead of 15 m/s, and faster in a
 # dive.
 FASTER = 2.0
@@ -65,6 +66,7 @@ class Link:
     ports: tuple[Port, ...]  # of the vehicle's links, the preferred link first
     refusals: tuple[SigningRefusals, ...]  # of each port
     unexpected: Mapping[int, Stack]  # autopilots received but not in the scenario, by system id
+    known_ids: frozenset[int]  # the system ids of all vehicles in the scenario
 
     @property
     def connected(self) -> bool:
@@ -147,6 +149,7 @@ async def open_links(
                 tuple(port_of[link] for link in section.links),
                 tuple(SigningRefusals(link, section.system_id, signing) for link in section.links),
                 unexpected,
+                frozenset(each.system_id for each in scenario.vehicles),
             )
     return {name: links[name] for name in places}
 
@@ -248,8 +251,8 @@ class LinkMonitor:
             refused = next(filter(None, refusals), None)
             if not link.connected and refused is not None:
                 found.append((name, f"no frame accepted yet: {refused}"))
-            elif not link.connected and link.unexpected:
-                found.append((name, f"no heartbeat on {address} yet; {_other_ids(link)}"))
+            elif not link.connected and (senders := _other_senders(link)):
+                found.append((name, f"no heartbeat on {address} yet; {senders}"))
             elif not link.connected:
                 remedy = "check that the autopilot is running and that this is its port"
                 found.append((name, f"no heartbeat on {address} yet; {remedy}"))
@@ -257,11 +260,13 @@ class LinkMonitor:
         return found
 
 
-def _other_ids(link: Link) -> str:
-    """Return the autopilots that send instead of the vehicle, and the remedy."""
-    senders = ", ".join(
-        f"{key} ({stack.name} {stack.vehicle})" for key, stack in sorted(link.unexpected.items())
-    )
+def _other_senders(link: Link) -> str:
+    """Return the unknown autopilots that send instead of a vehicle, and the remedy, in words."""
+    unknown = sorted(set(link.unexpected) - link.known_ids)[:MAX_SENDERS]
+    if not unknown:
+        return ""
+    stacks = [(key, link.unexpected[key]) for key in unknown]
+    senders = ", ".join(f"{key} ({stack.name} {stack.vehicle})" for key, stack in stacks)
     return (
         f"received instead: system {senders}; the scenario has system_id = "
         f"{link.section.system_id}: change it, or the autopilot's MAV_SYS_ID or SYSID_THISMAV"

@@ -8,12 +8,19 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from autopilot_bridge.items import Items, Plan
 from autopilot_bridge.links.link_address import other_end
+from autopilot_bridge.missions.check import check
 from autopilot_bridge.missions.plan_file import write_any
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
-from mission_service.airspace.occupied_space import mission_parts, mission_places
+from mission_service.airspace.occupied_space import (
+    landing_places,
+    mission_parts,
+    mission_places,
+)
 from mission_service.airspace.vehicle_fence import VehicleFence, fence_for
 from mission_service.config.scenario import Scenario, flying, load_scenario, scenario_path
 from mission_service.config.sections import VehicleSection
@@ -122,6 +129,11 @@ def write_plan(
         if not fence.items:
             reasons = "; ".join(fence.left_out) or "the scenario closes no airspace"
             raise ScenarioError(f"{scenario.name}: --fence: no fence can be written: {reasons}")
+        problems = check(
+            fence.items, stack_named(section.stack, section.kind), mavlink.MAV_MISSION_TYPE_FENCE
+        )
+        if problems:
+            raise ScenarioError(f"{scenario.name}: --fence: {problems[0]}")
     plan = Plan(items, fence=fence.items, home=home_of(section, landscape))
     write_any(output, plan, stack_named(section.stack, section.kind))
     return PlanWritten(len(items), len(fence.items), fence.left_out)
@@ -130,12 +142,19 @@ def write_plan(
 def _refuse_conflict(
     items: Items, section: VehicleSection, scenario: Scenario, landscape: Landscape
 ) -> None:
-    """Raise ScenarioError for a first mission that would enter closed airspace."""
+    """Raise ScenarioError if a first mission, or the landing in it, would enter closed airspace."""
     airspace = ClosedAirspace(scenario.airspace, landscape).at(scenario.first_flight_s)
-    places = mission_places(items, landscape, home_of(section, landscape)[2])
-    conflict = airspace.conflict(mission_parts(places), landscape)
-    if conflict is not None:
-        raise ScenarioError(
-            f"{scenario.name}: the first mission of {section.name} would enter {conflict}; fly it "
-            "with run or sim, which lead missions around closed volumes, or correct the airspace"
-        )
+    if not airspace.is_limited:
+        return
+    altitude_m = home_of(section, landscape)[2]
+    x_m, y_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    start = (float(x_m), float(y_m), altitude_m)
+    for places in (mission_places, landing_places):
+        parts = mission_parts(places(items, landscape, altitude_m), [start])
+        conflict = airspace.conflict(parts, landscape, start)
+        if conflict is not None:
+            raise ScenarioError(
+                f"{scenario.name}: the first mission of {section.name} would enter {conflict}; "
+                "correct the airspace, or fly with run or sim, which lead missions around closed "
+                "volumes where a way exists"
+            )

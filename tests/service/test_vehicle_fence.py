@@ -1,6 +1,7 @@
 """The fence of an autopilot from the airspace of a scenario, and the option --fence of plan."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,14 @@ AROUND = ((36.30, -84.25), (36.45, -84.25), (36.45, -84.05), (36.30, -84.05))
 SQUARE = ((36.350, -84.170), (36.360, -84.170), (36.360, -84.160), (36.350, -84.160))
 CIRCLE: dict[str, Any] = {"name": "tower", "lat_deg": 36.34, "lon_deg": -84.12, "radius_m": 400.0}
 BETWEEN = {"lat_deg": 36.3665, "lon_deg": -84.1365}  # on the way to the fire
+HOME = {"lat_deg": 36.370784, "lon_deg": -84.132309}
+# The loiter of the landing in a wind from the southwest.
+LANDING = {"lat_deg": 36.3630543, "lon_deg": -84.1370336, "radius_m": 80.0}
+FROM_SOUTHWEST = "weather.0.wind_from_deg=225"
+STAR = tuple(
+    (36.34 + size * math.cos(i / 16), -84.18 + size * math.sin(i / 16))
+    for i, size in enumerate((0.001, 0.002) * 50)
+)
 FENCE = mavlink.MAV_MISSION_TYPE_FENCE
 RANGE: dict[str, Any] = {"name": "range", "corners": SQUARE}
 
@@ -119,7 +128,31 @@ def test_allowed_areas_that_are_apart_are_left_out(land: Landscape) -> None:
     hole = {"name": "far", "lat_deg": 36.60, "lon_deg": -84.12, "radius_m": 300.0}
     found = fence_of(load_scenario("demo", overrides(RANGE, allowed=(home, hole))), land)
     assert len(found.items) == 4
-    assert found.left_out == ("allowed areas: their union has more than one outline",)
+    assert found.left_out == ("allowed areas: they are apart",)
+
+
+def test_a_volume_with_a_hole_is_left_out_and_loops_are_all_closed(land: Landscape) -> None:
+    (south, west), (north, east) = SQUARE[0], SQUARE[2]
+    inner = ((35.9, -84.5), (36.7, -84.5), (36.7, -83.8), (35.9, -83.8))  # around the home
+    outer = ((35.8, -84.6), (36.8, -84.6), (36.8, -83.7), (35.8, -83.7))
+    keyhole = {"name": "ring", "corners": (*outer, outer[0], inner[0], *inner[::-1])}
+    bow = {"name": "bow", "corners": ((south, west), (north, east), (north, west), (south, east))}
+    found = fence_of(load_scenario("demo", overrides(keyhole, bow)), land)
+    assert found.left_out == ("ring: its outline has a hole",)
+    (volume,) = volumes_of(load_scenario("demo", overrides(bow)).airspace, land)
+    closed = outside_of(found.items, land)
+    assert shapely.area(shapely.symmetric_difference(closed, volume.area_m)) < 20.0  # of 1 km²
+
+
+def test_allowed_areas_become_one_circle_or_one_polygon(land: Landscape) -> None:
+    circle = {"name": "circle", "lat_deg": 36.37, "lon_deg": -84.13, "radius_m": 9000.0}
+    alone = fence_of(load_scenario("demo", overrides(allowed=(circle,))), land)
+    assert [item.param1 for item in alone.items] == [9000.0]
+    area = {"name": "area", "corners": AROUND}
+    both = fence_of(load_scenario("demo", overrides(allowed=(circle, area))), land)
+    assert {item.command for item in both.items} == {
+        mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+    }
 
 
 @pytest.mark.parametrize("stack", ["px4", "ardupilot"])
@@ -147,6 +180,9 @@ def test_a_plan_with_a_fence_is_accepted_and_its_mission_stays_inside(
         ((), "the scenario closes no airspace"),
         (overrides(RANGE | {"until_s": 5000.0}), "range: it is not closed during the whole run"),
         (overrides(CIRCLE | BETWEEN), "would enter the closed volume 'tower'"),
+        (overrides(CIRCLE | HOME | {"ceiling_agl_m": 60.0}), "would enter the closed volume"),
+        ((*overrides(CIRCLE | LANDING), FROM_SOUTHWEST), "would enter the closed volume 'tower'"),
+        (overrides({"name": "star", "corners": STAR}), "64"),
     ],
 )
 def test_a_plan_without_a_fence_is_refused(
@@ -158,3 +194,11 @@ def test_a_plan_without_a_fence_is_refused(
     assert result.exit_code != 0
     assert words in str(result.exception) + result.output
     assert not path.exists()
+
+
+def test_a_plan_may_begin_within_the_margin_of_a_volume(tmp_path: Path) -> None:
+    path = tmp_path / "first.plan"
+    behind = {"name": "behind", "lat_deg": 36.3717, "lon_deg": -84.1312, "radius_m": 90.0}
+    sets = [word for key in overrides(behind) for word in ("--set", key)]
+    result = CliRunner().invoke(main, ["plan", "demo", "-o", str(path), "--fence", *sets])
+    assert result.exit_code == 0, result.output
