@@ -48,6 +48,8 @@ def assert_abort_in_reach(page: Page, what: str) -> None:
     for width, height in (*SIZES, *WIDER):
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_function(f"innerWidth === {width} && innerHeight === {height}")
+        # The map gets its new size with the next frame, which a busy machine draws later.
+        page.wait_for_function("document.documentElement.scrollWidth <= innerWidth")
         found = page.evaluate(WHERE)
         where = f"{what}, {width} x {height}: {found}"
         assert 0 <= found["left"] <= found["right"] - 100 <= width - 100, where
