@@ -480,7 +480,7 @@ def test_a_tablet_is_drawn_on_with_a_finger_and_moved_with_two(
         wait_for(lambda: len(corrections(fire)) == held, 30, "and takes it back")
         state_view(page, "tablet")
         assert not small_targets(page)
-        assert not weak_texts(page)
+        wait_for(lambda: not weak_texts(page), 30, "the pressed button has its colours again")
 
 
 def test_a_lost_service_is_an_alarm_with_the_age_of_the_picture(

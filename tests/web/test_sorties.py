@@ -18,6 +18,7 @@ from tests.api.worlds import scenario_of, world_in
 from tests.service.relief_flights import relief_scenario
 from tests.web.browser import page_of
 from tests.web.readability import assert_readable, weak_texts
+from tests.web.service import wait_for
 from tests.web.virtual_flight import Site, site_of
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card
@@ -88,9 +89,8 @@ def test_the_next_landing_is_stated_and_each_vehicle_has_a_row(
         title = page.locator("#next-landing")
         expect(title).to_be_in_viewport()
         expect(title).to_have_text(f"hawk must land {minutes_and_time(site, 'hawk')}")
-        box = page.locator("#map").bounding_box()
-        assert box is not None
-        assert box["height"] >= 100
+        height = "document.getElementById('map').clientHeight"
+        wait_for(lambda: page.evaluate(height) >= 100, 30, "the map has room beside the alarms")
         if IMAGES:
             page.screenshot(path=f"{IMAGES}/sorties-{size[0]}.png")
         if not page.locator("#sorties li").first.is_visible():
