@@ -30,7 +30,7 @@ def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArra
 def mask_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> Mask:
     """Return the mask (y, x) of the cells that geometries touch (``cells_of``)."""
     touched = np.zeros(landscape.shape, dtype=np.bool_)
-    for part in _parts(geometries):
+    for part in parts_of(geometries):
         if part.geom_type == "Polygon":
             _mark_polygon(part, landscape, touched)
         elif part.geom_type == "Point":
@@ -73,7 +73,7 @@ def with_barriers(
         codes = ", ".join(map(str, NON_BURNABLE))
         raise FireModelError(f"barriers: fuel code {code} burns; give one of {codes}")
     shapes = list(geometries)
-    outlines = [part.boundary for part in _parts(shapes) if part.geom_type == "Polygon"]
+    outlines = [part.boundary for part in parts_of(shapes) if part.geom_type == "Polygon"]
     fuel = landscape.fuel_model.copy()
     fuel[mask_of([*shapes, *outlines], landscape)] = code
     return replace(landscape, fuel_model=fuel)
@@ -113,11 +113,11 @@ def cells_along(line: BaseGeometry, landscape: Landscape) -> tuple[NDArray[np.in
     return cells, found[cells]
 
 
-def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
+def parts_of(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
     """Yield the points, lines and polygons of geometries, including those in collections."""
     for geometry in geometries:
         if hasattr(geometry, "geoms"):
-            yield from _parts(geometry.geoms)
+            yield from parts_of(geometry.geoms)
         elif not geometry.is_empty:
             yield geometry
 
@@ -168,7 +168,7 @@ def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.boo
         return
     rows, cols = touched.shape
     near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # removes parts far outside the grid
-    for part in _parts([shapely.LineString(_col_row(line, landscape)).intersection(near)]):
+    for part in parts_of([shapely.LineString(_col_row(line, landscape)).intersection(near)]):
         vertices = shapely.get_coordinates(part)
         chain = np.floor(_steps(vertices) if len(vertices) > 1 else vertices)
         joints = np.stack([chain[1:, 0], chain[:-1, 1]], axis=1)  # cells that adjoin both

@@ -17,12 +17,12 @@ from shapely.geometry.base import BaseGeometry
 from autopilot_bridge.items import Items
 from autopilot_bridge.missions.fence_file import fence_of
 from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.rasterise import parts_of
+from mission_service.airspace.occupied_space import RETURN_ABOVE_M
 from mission_service.airspace.volumes import Volume, area_of, closed_in, ground_range_m, volume_of
 from mission_service.config.airspace_section import AreaSection
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-
-RETURN_HEIGHT_M = 150.0  # height above home up to which the service checks returns
 
 
 class VehicleFence(NamedTuple):
@@ -81,7 +81,7 @@ def _highest_m(vehicle: VehicleSection, scenario: Scenario, landscape: Landscape
     elevation_m = landscape.elevation_m
     ground_m = 0.0 if elevation_m is None else float(np.nanmax(elevation_m))
     burn_m = 0.0 if scenario.burn is None else scenario.burn.safe_height_m
-    return ground_m + max(vehicle.altitude_agl_m, burn_m, RETURN_HEIGHT_M)
+    return ground_m + max(vehicle.altitude_agl_m, burn_m, RETURN_ABOVE_M)
 
 
 def _unusable(volume: Volume, scenario: Scenario, top_m: float, landscape: Landscape) -> str:
@@ -107,9 +107,7 @@ def _not_outlined(parts: Sequence[shapely.Polygon]) -> str:
 
 def _polygons(area_m: BaseGeometry) -> list[shapely.Polygon]:
     """Return the polygons of an area, also those in nested collections."""
-    if isinstance(area_m, shapely.Polygon):
-        return [] if area_m.is_empty else [area_m]
-    return [part for each in getattr(area_m, "geoms", ()) for part in _polygons(each)]
+    return [part for part in parts_of([area_m]) if isinstance(part, shapely.Polygon)]
 
 
 def _circle(entry: AreaSection, inclusion: bool) -> dict[str, Any]:

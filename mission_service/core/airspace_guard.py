@@ -21,6 +21,7 @@ from mission_service import events
 from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
+    RETURN_ABOVE_M,
     MissionPlace,
 )
 from mission_service.airspace.operational_intent import IntendedPart
@@ -40,7 +41,7 @@ from mission_service.commands import (
 from mission_service.config.scenario import Scenario
 from mission_service.core.airspace_evasions import NEAR_HOME_M, Evasions
 from mission_service.core.closed_airspace import ClosedAirspace
-from mission_service.core.flight_space import RETURN_ABOVE_M, FlightSpace, position_of
+from mission_service.core.flight_space import FlightSpace, position_of
 from mission_service.core.place_checks import PlaceChecks
 from mission_service.core.return_ground import CLEAR_AGAIN_M, CLEARANCE_M, ReturnGround
 from mission_service.guidance.protocol import Guidance

@@ -9,6 +9,7 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
+    RETURN_ABOVE_M,
     MissionPlace,
     Part,
     Position,
@@ -34,7 +35,6 @@ from mission_service.vehicles.vehicle_state import Vehicle
 
 HOLDS_FOR_UPLOAD_S = 3.0  # until a vehicle that holds for an upload continues
 STARTS_WITHIN_S = 2.0  # until a vehicle flies a mission sent now
-RETURN_ABOVE_M = 150.0  # returns are checked up to this height above home
 COPTER_REACH_M = 20.0
 
 

@@ -17,6 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.rasterise import parts_of
 from firemodel.landscape.readers.agency_fields import attribute
 from firemodel.landscape.readers.bands import refuse
 from firemodel.landscape.readers.feature_times import time_column, time_in
@@ -203,7 +204,7 @@ def _feature(
     moved = into_crs(drawn, crs, landscape.crs)
     if not np.isfinite(shapely.get_coordinates(moved)).all():
         raise FireModelError(f"{where} is too far away to be projected onto the landscape")
-    parts = list(_parts(repaired(moved).intersection(box_of(landscape)))) if moved else []
+    parts = list(parts_of([repaired(moved).intersection(box_of(landscape))])) if moved else []
     if not parts:
         raise FireModelError(f"{where} lies outside the landscape")
     state = str(attribute(record, ("state",)) or "").lower()
@@ -214,15 +215,6 @@ def _feature(
         _position_sd_m(record, method, settings),
         _source(path, record, method),
     )
-
-
-def _parts(shape: BaseGeometry) -> Iterator[BaseGeometry]:
-    """Yield the points, lines and polygons of a geometry, including those in collections."""
-    for part in shapely.get_parts(shape):
-        if hasattr(part, "geoms"):
-            yield from _parts(part)
-        elif not part.is_empty:
-            yield part
 
 
 def _position_sd_m(record: Mapping[str, Any], method: str, settings: FileSettings) -> float:
