@@ -32,6 +32,7 @@ from mission_service.missions.climb import without_climb
 from mission_service.missions.orbits import highest_ground_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState, Evasion
+from mission_service.vehicles.first_climb import fastest_m_s
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.vehicle_state import Vehicle
 
@@ -39,6 +40,7 @@ Floats = NDArray[np.float64]
 NEAR_HOME_M = 400.0  # a detour that ends farther from home does not lead home
 BEYOND_M = 20.0  # distance of the loiter outside a volume from its margin
 LEVEL_CLEARANCE_M = 30.0  # least height above ground in level flight out of a volume
+CLIMB_STEP_M = 5.0  # between the altitudes to which a multirotor may climb first
 DETOURS = (1.0, 3.0)  # a mission has fewer corners than its detour, and so passes nearer
 CUTS_M = (0.0, 150.0, 300.0, 600.0)  # the path is shortened by each length in turn until it is free
 
@@ -199,20 +201,45 @@ class Evasions:
         """Return a mission out of a volume that does not turn back to its starting position.
 
         A waypoint at the vehicle's position would make a plane turn back and a multirotor climb
-        there first. A multirotor does so only if its path does not clear the terrain.
+        there first. A multirotor does so only if its path does not clear the terrain, and only as
+        high as necessary.
         """
         items = self._guidance.items(vehicle, path[1:], fix)
-        first = self._space.route(vehicle, items)[0].position
-        if vehicle.section.winged or self._is_clear(position_of(fix), first):
+        start, end = position_of(fix), self._space.route(vehicle, items)[0].position
+        if vehicle.section.winged or self._is_clear(vehicle, start, end):
             return items
-        return self._guidance.items(vehicle, path, fix)
+        planned = self._guidance.items(vehicle, path, fix)
+        return self._after_least_climb(vehicle, planned, start, end)
 
-    def _is_clear(self, start: Position, end: Position) -> bool:
-        """Return whether no part of a straight climb is nearer to the ground than either end."""
-        count = math.ceil(2.0 * math.dist(start[:2], end[:2]) / self._landscape.cell_size_m) + 2
+    def _after_least_climb(
+        self, vehicle: Vehicle, items: Items, start: Position, end: Position
+    ) -> Items:
+        """Lower the first waypoint, at which a multirotor climbs, as far as the terrain permits."""
+        first = next(seq for seq, item in enumerate(items) if has_position(item.command))
+        x_m, y_m, planned_m = self._space.route(vehicle, items)[0].position
+        ground_m = float(self._landscape.elevation_at(x_m, y_m))
+        low_m = max(ground_m + LEVEL_CLEARANCE_M, start[2])
+        for altitude_m in np.arange(low_m, planned_m, CLIMB_STEP_M).round(1).tolist():
+            if self._is_clear(vehicle, (x_m, y_m, altitude_m), end):
+                lower = replace(items[first], z=altitude_m)
+                return (*items[:first], lower, *items[first + 1 :])
+        return items
+
+    def _is_clear(self, vehicle: Vehicle, start: Position, end: Position) -> bool:
+        """Return whether no part of a straight climb is too near to the ground.
+
+        Too near is nearer than either end, and nearer than ``LEVEL_CLEARANCE_M``. A multirotor may
+        not reduce its speed in a climb, and is then below the straight line.
+        """
+        length_m = math.dist(start[:2], end[:2])
+        count = math.ceil(2.0 * length_m / self._landscape.cell_size_m) + 2
         line = np.linspace(start, end, count)
-        heights_m = line[:, 2] - self._landscape.elevation_at(line[:, 0], line[:, 1])
-        return bool(heights_m.min() >= min(heights_m[0], heights_m[-1]) - 1.0)
+        gradient = vehicle.section.climb_m_s / fastest_m_s(vehicle)
+        climbed_m = start[2] + gradient * np.linspace(0.0, length_m, count)
+        ground_m = self._landscape.elevation_at(line[:, 0], line[:, 1])
+        heights_m = np.minimum(line[:, 2], climbed_m) - ground_m
+        least_m = min(heights_m[0], end[2] - ground_m[-1], LEVEL_CLEARANCE_M)
+        return bool(heights_m.min() >= least_m - 1.0)
 
     def free_hold(
         self,

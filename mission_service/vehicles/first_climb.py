@@ -12,13 +12,16 @@ def with_first_climb(
 ) -> Items:
     """Return a mission that first climbs in a loiter, if a plane in the air is too low for it.
 
-    The ground speed is at most the sum of the airspeed and the measured wind speed. Multirotors
-    climb vertically: their missions are unchanged, as are missions that begin on the ground.
-    Altitudes are in metres above mean sea level.
+    Multirotors climb vertically: their missions are unchanged, as are missions that begin on the
+    ground. Altitudes are in metres above mean sea level.
     """
     if not (vehicle.availability.airborne and vehicle.section.winged):
         return items
-    wind = vehicle.availability.measured_wind
-    speed_m_s = vehicle.section.airspeed_m_s + (0.0 if wind is None else wind.speed_m_s)
     position = (fix.x_m, fix.y_m, fix.altitude_m)
-    return with_climb(items, vehicle.section, landscape, position, speed_m_s)
+    return with_climb(items, vehicle.section, landscape, position, fastest_m_s(vehicle))
+
+
+def fastest_m_s(vehicle: Vehicle) -> float:
+    """Return the maximum ground speed: the sum of the airspeed and the measured wind speed."""
+    wind = vehicle.availability.measured_wind
+    return vehicle.section.airspeed_m_s + (0.0 if wind is None else wind.speed_m_s)

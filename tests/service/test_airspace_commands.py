@@ -215,3 +215,20 @@ def test_a_vehicle_restarted_below_the_altitude_of_its_home_leaves_too(
     flight.close("here", (0.0, 0.0), 150.0)
     sent = of_kind(UploadMission, flight.report(100.0, above_home_m=-20.0))
     assert ("leave closed airspace" in [each.why for each in sent]) is leaves
+
+
+def test_a_low_multirotor_before_rising_ground_climbs_no_higher_than_necessary() -> None:
+    """It flies faster than it climbs: on a straight line to the loiter it would hit the ground."""
+    hill = Terrain(GROUND_M, hills=((350.0, 0.0, 200.0, 60.0),))
+    flight = Flight((0.0, 0.0), 19.0, 'vehicles.0.kind="copter"', terrain=hill)
+    flight.close("here", (-60.0, 0.0), 150.0)
+    (leaves,) = of_kind(UploadMission, flight.report(19.0))
+    first, last = (item for item in leaves.items if item.command in (16, 17))
+    here_m = plane_m(first.x / 1e7, first.y / 1e7)
+    assert math.dist(here_m, (0.0, 0.0)) < 1.0
+    assert GROUND_M + 30.0 <= first.z < last.z - 20.0
+    length_m = math.dist(here_m, plane_m(last.x / 1e7, last.y / 1e7))
+    climbed = 3.0 / flight.core.scenario.vehicles[0].airspeed_m_s
+    for east_m in range(0, round(length_m), 10):
+        altitude_m = min(first.z + climbed * east_m, last.z)
+        assert altitude_m - hill.ground_m(float(east_m), 0.0) >= 20.0
