@@ -104,6 +104,19 @@ def test_rasters_with_cells_without_data_and_a_slope_of_unknown_unit(tmp_path: P
     assert set(landscape.fuel_model[0, :3].tolist()) <= set(NON_BURNABLE)
 
 
+def test_an_aircraft_may_have_a_link_and_a_system_id(tmp_path: Path) -> None:
+    path = tmp_path / "fire.toml"
+    owl = ("--vehicle", "owl,px4,copter,36.362,-84.142,serial:/dev/ttyUSB0:57600,7")
+    result = new(path, *BOX, *WIND, *FIRE, *HAWK, f"{KITE[0]}={KITE[1]},tcp:127.0.0.1:5760", *owl)
+    assert result.exit_code == 0, result.output
+    found = [(each.link, each.system_id) for each in load_scenario(str(path)).vehicles]
+    assert found == [
+        ("udpin:127.0.0.1:14550", 1),
+        ("tcp:127.0.0.1:5760", 2),
+        ("serial:/dev/ttyUSB0:57600", 7),
+    ]
+
+
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
@@ -114,6 +127,8 @@ def test_rasters_with_cells_without_data_and_a_slope_of_unknown_unit(tmp_path: P
         ((*BOX, "--wind", "5", *FIRE, *HAWK), 2, "write it as SPEED,FROM in m/s and degrees"),
         ((*BOX, *WIND, "--ignition", "x,y", *HAWK), 2, "write it as LAT,LON"),
         ((*BOX, *WIND, *FIRE, "--vehicle", "hawk,px5,plane,1,2"), 2, "px4|ardupilot"),
+        ((*BOX, *WIND, *FIRE, f"{HAWK[0]}={HAWK[1]},udpin:127.0.0.1:14550,x"), 2, "[,LINK"),
+        ((*BOX, *WIND, *FIRE, f"{HAWK[0]}={HAWK[1]},radio:7"), 1, "link"),
         (("--box=-84.2,36.32,-84.199,36.4", *WIND, *FIRE, *HAWK), 2, "600 m to 120 km"),
         ((*BOX, *WIND, "--ignition", "37.35,-84.15", *HAWK), 1, "lies outside the landscape"),
         ((*BOX, "--wind", "500,225", *FIRE, *HAWK), 1, "wind_speed_m_s"),

@@ -37,15 +37,21 @@ MOISTURES = _numbers(5, "the moistures of 1 h, 10 h, 100 h, herbs and wood in pe
 
 
 def aircraft_of(text: str) -> Any:
-    """Parse an aircraft given as NAME,STACK,KIND,LAT,LON."""
+    """Parse an aircraft given as NAME,STACK,KIND,LAT,LON[,LINK[,SYSTEM_ID]]."""
     from mission_service.cli.incident.scenario_text import NewVehicle
 
     parts = text.split(",")
-    form = f"NAME,{'|'.join(STACKS)},{'|'.join(KINDS)},LAT,LON, as in hawk,px4,plane,36.37,-84.13"
-    if len(parts) != 5 or parts[1] not in STACKS or parts[2] not in KINDS:
+    form = (
+        f"NAME,{'|'.join(STACKS)},{'|'.join(KINDS)},LAT,LON[,LINK[,SYSTEM_ID]], as in "
+        "hawk,px4,plane,36.37,-84.13,udpin:127.0.0.1:14540,1"
+    )
+    named = len(parts) in (5, 6, 7) and parts[1] in STACKS and parts[2] in KINDS
+    if not named or not all(part.isdigit() for part in parts[6:]):
         raise click.BadParameter(f"{text}: write it as {form}")
-    lat_deg, lon_deg = PLACE(",".join(parts[3:]))
-    return NewVehicle(parts[0], parts[1], parts[2], (lat_deg, lon_deg))
+    lat_deg, lon_deg = PLACE(",".join(parts[3:5]))
+    link = parts[5] if len(parts) > 5 else None
+    system_id = int(parts[6]) if len(parts) > 6 else None
+    return NewVehicle(parts[0], parts[1], parts[2], (lat_deg, lon_deg), link, system_id)
 
 
 def _named(form: str) -> Callable[[str], tuple[str, str]]:
@@ -105,8 +111,10 @@ def incident() -> None:
 @click.option("--ignition", "ignitions", type=PLACE, multiple=True, metavar="LAT,LON")
 @click.option("--perimeter", type=FILE, help="The outline of the fire instead of ignitions.")
 @click.option(
-    "--vehicle", "aircraft", type=aircraft_of, multiple=True, metavar="NAME,STACK,KIND,LAT,LON",
-    help="An aircraft and its home.",
+    "--vehicle", "aircraft", type=aircraft_of, multiple=True,
+    metavar="NAME,STACK,KIND,LAT,LON[,LINK[,SYSTEM_ID]]",
+    help="An aircraft, its home, and its MAVLink connection (default: udpin on port 14550, 14560 "
+    "...) and system id (default: 1, 2 ...).",
 )  # fmt: skip
 @click.option(
     "--time-zero",
@@ -192,7 +200,7 @@ def _incident(file: Path, given: dict[str, Any]) -> Any:
         ignitions = (_asked("Ignition as LAT,LON", PLACE, "--ignition or --perimeter"),)
     aircraft = given["aircraft"]
     if not aircraft:
-        form = "Aircraft as NAME,STACK,KIND,LAT,LON"
+        form = "Aircraft as NAME,STACK,KIND,LAT,LON[,LINK[,SYSTEM_ID]]"
         aircraft = (_asked(form, aircraft_of, "--vehicle"),)
     return NewIncident(
         file.stem,

@@ -14,12 +14,17 @@ Place = tuple[float, float]  # latitude, longitude in degrees
 
 @dataclass(frozen=True)
 class NewVehicle:
-    """A vehicle: its name, autopilot, kind and home."""
+    """A vehicle: its name, autopilot, kind, home and connection.
+
+    Without a link or system id, those of the vehicle's number in the scenario are used.
+    """
 
     name: str
     stack: str
     kind: str
     home: Place
+    link: str | None = None
+    system_id: int | None = None
 
 
 @dataclass(frozen=True)
@@ -128,8 +133,8 @@ def _vehicle(each: NewVehicle, number: int) -> dict[str, object]:
         "name": each.name,
         "stack": each.stack,
         "kind": each.kind,
-        "link": f"udpin:127.0.0.1:{14550 + 10 * number}",
-        "system_id": number + 1,
+        "link": each.link or f"udpin:127.0.0.1:{14550 + 10 * number}",
+        "system_id": number + 1 if each.system_id is None else each.system_id,
         "altitude_agl_m": 150.0 + 50.0 * number,  # vehicles at different heights keep apart
         "home_lat_deg": each.home[0],
         "home_lon_deg": each.home[1],
