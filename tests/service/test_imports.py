@@ -44,6 +44,7 @@ SHELL = {
     "mission_service/cli/satellite_command.py",  # the age of detections
     "mission_service/interfaces/api/app.py",  # computations run in threads
     "mission_service/runtime/clocks.py",
+    "mission_service/interfaces/incident_form/form_server.py",  # a command of its own
     "mission_service/interfaces/control/control_server.py",
     "mission_service/interfaces/control/control_client.py",
     "mission_service/live/daemon.py",

@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -10,6 +11,7 @@ import click
 
 from mission_service.cli.incident.map_commands import bounding_box
 from mission_service.cli.options import JSON, aware_time, echo, echo_warning
+from mission_service.errors import MissionServiceError, ScenarioError
 
 Value = TypeVar("Value")
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -128,32 +130,90 @@ def incident() -> None:
 )
 @JSON
 def new(file: Path, as_json: bool, **given: Any) -> None:
-    """Make and check the scenario FILE of a new incident; on a terminal, ask for what is missing.
+    """Make and check the scenario FILE of a new incident; on a terminal, ask for missing values.
 
     The landscape is --box, --landscape or --layer; the wind is --wind or in --weather; the fire
     begins at --ignition or has the outline --perimeter.
     """
-    from mission_service.cli.incident.file_check import checked
-    from mission_service.cli.incident.scenario_text import scenario_text
-    from mission_service.errors import MissionServiceError
-
-    if file.exists():
-        raise MissionServiceError(f"{file}: exists; give another name")
-    made = file.with_name(f".{file.name}.new")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    made.write_text(scenario_text(_incident(file, given)), encoding="utf-8")
-    try:
-        summary = checked(str(made))
-    except Exception as error:
-        made.unlink()
-        raise _of_file(error, made, file) from None
-    made.replace(file)
+    summary = _created(file, given, asks=is_terminal())
     for line in summary["warnings"]:
         echo_warning(line)
     if as_json:
         echo({"file": str(file), **summary}, as_json)
     else:
         click.echo(f"{file}: checked. Next: {_next_command(file, given['real'])}")
+
+
+@incident.command("page")
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    show_default="a free port",
+    help="Port on loopback.",
+)
+@click.option("--no-browser", is_flag=True, help="Print the address only.")
+def page(file: Path, port: int, no_browser: bool) -> None:
+    """Make and check the scenario FILE of a new incident in a form in the browser.
+
+    The page is served on this machine until the scenario has been saved, or until Ctrl-C. Files
+    that are chosen in the form are copied to a folder beside FILE.
+    """
+    import contextlib
+    import secrets
+    import webbrowser
+
+    from mission_service.interfaces.incident_form import FormServer, uploads_of
+
+    _refuse_existing(file)
+    create = partial(created_by_form, file)
+    with uploads_of(file) as folder:
+        with (
+            FormServer(port, folder, secrets.token_urlsafe(16), create) as server,
+            contextlib.suppress(KeyboardInterrupt),
+        ):
+            click.echo(f"form for {file}: {server.address}")
+            if not no_browser:
+                webbrowser.open(server.address)
+            server.serve_forever()
+        if server.saved is None:
+            raise MissionServiceError(f"{file}: not saved")
+        click.echo(f"{file}: checked. Next: {server.saved['next']}")
+
+
+def created_by_form(file: Path, options: list[str]) -> dict[str, Any]:
+    """Create the scenario file from the form's options; return what the page shows."""
+    try:
+        given = new.make_context("new", [str(file), *options]).params
+        del given["file"], given["as_json"]
+        summary = _created(file, given, asks=False)
+    except click.ClickException as error:
+        raise MissionServiceError(error.format_message()) from None
+    return {"warnings": summary["warnings"], "next": _next_command(file, given["real"])}
+
+
+def _refuse_existing(file: Path) -> None:
+    if file.exists():
+        raise MissionServiceError(f"{file}: exists; give another name")
+
+
+def _created(file: Path, given: dict[str, Any], asks: bool) -> dict[str, Any]:
+    """Write and check a scenario file from the given options; return its summary."""
+    from mission_service.cli.incident.file_check import checked
+    from mission_service.cli.incident.scenario_text import scenario_text
+
+    _refuse_existing(file)
+    made = file.with_name(f".{file.name}.new")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    made.write_text(scenario_text(_incident(file, given, asks)), encoding="utf-8")
+    try:
+        summary = checked(str(made))
+    except Exception as error:
+        made.unlink()
+        raise _of_file(error, made, file) from None
+    made.replace(file)
+    return summary
 
 
 def _next_command(file: Path, is_real: bool) -> str:
@@ -165,15 +225,13 @@ def _next_command(file: Path, is_real: bool) -> str:
 
 def _of_file(error: Exception, made: Path, file: Path) -> Exception:
     """Return an error that names the file given by the user."""
-    from mission_service.errors import ScenarioError
-
     if isinstance(error, ScenarioError):
         return ScenarioError(str(error).replace(str(made), str(file)))
     return error
 
 
-def _incident(file: Path, given: dict[str, Any]) -> Any:
-    """Return the incident from the options and, where they are missing, from the user's answers."""
+def _incident(file: Path, given: dict[str, Any], asks: bool) -> Any:
+    """Return the incident from the options; if ``asks``, ask the user for missing values."""
     from mission_service.cli.incident.scenario_text import (
         MAX_CELLS,
         MIN_CELLS,
@@ -190,18 +248,20 @@ def _incident(file: Path, given: dict[str, Any]) -> Any:
     _refuse_several(("--wind", given["wind"]), ("--weather", given["weather"]))
     _refuse_several(("--ignition", given["ignitions"]), ("--perimeter", given["perimeter"]))
     if not (box or given["landscape"] or layers):
-        box = _asked("Area as WEST,SOUTH,EAST,NORTH", bounding_box, "--box, --landscape or --layer")
+        box = _asked(
+            "Area as WEST,SOUTH,EAST,NORTH", bounding_box, "--box, --landscape or --layer", asks
+        )
     if box is not None and not all(MIN_CELLS <= each <= MAX_CELLS for each in grid_of(box)):
         raise click.UsageError("--box: give an area of 600 m to 120 km along each side")
     wind, ignitions = given["wind"], given["ignitions"]
     if wind is None and given["weather"] is None:
-        wind = _asked("Wind as SPEED,FROM (m/s, degrees)", WIND, "--wind or --weather")
+        wind = _asked("Wind as SPEED,FROM (m/s, degrees)", WIND, "--wind or --weather", asks)
     if not ignitions and given["perimeter"] is None:
-        ignitions = (_asked("Ignition as LAT,LON", PLACE, "--ignition or --perimeter"),)
+        ignitions = (_asked("Ignition as LAT,LON", PLACE, "--ignition or --perimeter", asks),)
     aircraft = given["aircraft"]
     if not aircraft:
         form = "Aircraft as NAME,STACK,KIND,LAT,LON[,LINK[,SYSTEM_ID]]"
-        aircraft = (_asked(form, aircraft_of, "--vehicle"),)
+        aircraft = (_asked(form, aircraft_of, "--vehicle", asks),)
     return NewIncident(
         file.stem,
         given["hours"],
@@ -234,9 +294,9 @@ def is_terminal() -> bool:
     return sys.stdin.isatty()
 
 
-def _asked(question: str, read: Callable[[str], Value], options: str) -> Value:
+def _asked(question: str, read: Callable[[str], Value], options: str, asks: bool) -> Value:
     """Ask on a terminal until the answer is valid; elsewhere, name the missing options."""
-    if not is_terminal():
+    if not asks:
         raise click.UsageError(f"give {options}")
     found: Value = click.prompt(question, value_proc=read, err=True)
     return found

@@ -7,7 +7,7 @@ import { fileURLToPath } from "node:url";
 import { parseSync } from "rolldown/utils";
 
 const FOLDER = fileURLToPath(new URL("src", import.meta.url));
-const PAGE = fileURLToPath(new URL("index.html", import.meta.url));
+const PAGES = ["index.html", "incident.html"].map((name) => fileURLToPath(new URL(name, import.meta.url)));
 const SHOWN = ["title", "aria-label", "placeholder", "alt", "label"]; // attributes with texts for users
 // Functions with arguments that are names in the code, not texts.
 const TECHNICAL = new Set([
@@ -21,7 +21,7 @@ const TECHNICAL = new Set([
 const FIRST_TECHNICAL = new Set(["h", "shortcut", "word", "post", "get", "ask", "download", "request"]);
 const PROSE = /[A-Za-zα]{2,}[^A-Za-z]* [^A-Za-z]*[A-Za-z]|^[A-Z][a-z]+|^[A-Z-]{3,}$/; // words, a capital letter, or capitals
 // Names of layers, addresses, keys, kinds and media queries.
-const NAMES = /^(image \{\} \{\}|on board|POST|PATCH|MapLibre|(Ctrl|Alt|Shift)\+|Space|relieves \{\}|area \{\}|\{\} \(Alt\+\{\}\)|English|Español|Português|\(width .*|button, a, .*|input, select, .*)$/;
+const NAMES = /^(image \{\} \{\}|on board|POST|PATCH|PUT|MapLibre|ArduPilot|VTOL|(Ctrl|Alt|Shift)\+|Space|relieves \{\}|area \{\}|\{\} \(Alt\+\{\}\)|English|Español|Português|\(width .*|button, a, .*|input, select, .*)$/;
 const COLOURS = /^(#[0-9a-f]+|bold \d+px .*|\d+px .*)$/i;
 
 /** The name of the function that a call calls. */
@@ -100,7 +100,8 @@ function textsOf(name, source) {
 if (process.argv[1] === fileURLToPath(import.meta.url)) {
   const names = readdirSync(FOLDER, { recursive: true }).filter((name) => name.endsWith(".ts")).sort();
   const all = names.map((name) => textsOf(name, readFileSync(join(FOLDER, name), "utf-8")));
-  const labels = [...readFileSync(PAGE, "utf-8").matchAll(/aria-label="([^"]*)"/g)].map(([, label]) => label);
+  const pages = PAGES.map((name) => readFileSync(name, "utf-8")).join("");
+  const labels = [...pages.matchAll(/aria-label="([^"]*)"/g)].map(([, label]) => label);
   const keys = [...new Set([...labels, ...all.flatMap(({ keys }) => keys)])];
   console.log(JSON.stringify({ keys, untranslated: all.flatMap(({ untranslated }) => untranslated) }));
 }

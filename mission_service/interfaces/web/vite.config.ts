@@ -8,6 +8,7 @@ export default defineConfig({
     target: "es2022",
     assetsInlineLimit: 0,
     chunkSizeWarningLimit: 2000,
+    rolldownOptions: { input: ["index.html", "incident.html"] },
     modulePreload: { polyfill: false },
   },
   worker: { format: "es" },

@@ -1,5 +1,6 @@
 // Creates all parts of the page; each part shows the state in one store.
 
+import "./base.css";
 import "./style.css";
 import type { Map as MapView } from "maplibre-gl";
 import { AIRCRAFT_GROUPS, aircraftLayers, followAircraft } from "./aircraft_layer.ts";
