@@ -9,6 +9,11 @@ from autopilot_bridge.links.field_limits import out_of_bounds
 
 ADSB_VEHICLE = "ADSB_VEHICLE"
 NEEDED = mavlink.ADSB_FLAGS_VALID_COORDS | mavlink.ADSB_FLAGS_VALID_ALTITUDE
+ON_GROUND = (
+    mavlink.ADSB_EMITTER_TYPE_EMERGENCY_SURFACE,
+    mavlink.ADSB_EMITTER_TYPE_SERVICE_SURFACE,
+    mavlink.ADSB_EMITTER_TYPE_POINT_OBSTACLE,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +38,14 @@ class AircraftSeen:
 
 
 def aircraft_seen(message: Message, at_us: int) -> AircraftSeen | None:
-    """Decode an ADSB_VEHICLE; return None if it is simulated or has no position or altitude.
+    """Decode an ADSB_VEHICLE; return None for a report that is not used.
 
-    ``ADSB_FLAGS_SIMULATED`` marks simulated aircraft; ``at_us`` is the time of reception.
+    Not used are reports without a position or an altitude, of simulated aircraft
+    (``ADSB_FLAGS_SIMULATED``), and of vehicles and obstacles on the ground. ``at_us`` is the time
+    of reception.
     """
     flags = message.flags
-    real = not flags & mavlink.ADSB_FLAGS_SIMULATED
+    real = not flags & mavlink.ADSB_FLAGS_SIMULATED and message.emitter_type not in ON_GROUND
     if flags & NEEDED != NEEDED or not real or out_of_bounds(message) is not None:
         return None
     motion = flags & mavlink.ADSB_FLAGS_VALID_VELOCITY
