@@ -276,8 +276,11 @@ class CommandChecks:
         radius_m = abs(command.get("radius_m", kind.loiter_radius_m)) if kind.plane else 0.0
         found = []
         if command["type"] == "HoldAt":
-            height_m = self._circle_m(position, radius_m)
-            found += _lower(height_m, self.rules.descends_to_m, "a hold")
+            height_m, needed_m = self._circle_m(position, radius_m), self.rules.descends_to_m
+            if start is not None and self._is_just_below_a_volume(start, position):
+                now_m = self._circle_m((*place, start[2]), radius_m)
+                needed_m = min(needed_m, now_m + 1.0)  # at least higher than now
+            found += _lower(height_m, needed_m, "a hold")
         for volume in self.rules.closed:
             if not volume.counts(self._at_s) or command["type"] == "GoAround":
                 continue
@@ -287,6 +290,15 @@ class CommandChecks:
             if margin_m > 0.0 and self._is_near(volume, position, position, margin_m + radius_m):
                 found.append(f"leads to a place in {volume.name}")
         return found
+
+    def _is_just_below_a_volume(self, start: Position, place: Position) -> bool:
+        """Return whether a closed volume prevents a hold from being raised further."""
+        return any(
+            volume.counts(self._at_s)
+            and self._is_below(volume, start, place)
+            and volume.limits_m(self.rules.terrain, place[:2])[0] - place[2] < 2.0
+            for volume in self.rules.closed
+        )
 
     def _is_below(self, volume: Closed, start: Position | None, place: Position) -> bool:
         """Return whether a hold is raised above rising ground, and stays below a volume.
