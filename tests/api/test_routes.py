@@ -263,7 +263,7 @@ def test_the_fire_can_be_seen_at_any_time(flying: World) -> None:
         assert both == "give only one of at_s, in_s and in_min"
         for wrong in ("nan", "inf", "1e300", "soon", ""):
             await refused(http, 422, "GET", f"/fire/front?in_s={wrong}")
-        assert "is the maximum" in await refused(http, 422, "GET", "/fire/front?in_s=900000")
+        assert "the limit is" in await refused(http, 422, "GET", "/fire/front?in_s=900000")
 
     asked(flying, ask)
 
@@ -278,7 +278,7 @@ def test_a_time_is_given_in_each_of_three_ways(flying: World, path: str) -> None
         shapes = [each.get("features", [each])[0] for each in found]
         assert shapes[0]["geometry"] == shapes[1]["geometry"] == shapes[2]["geometry"]
         assert shapes[0]["properties"]["at_s"] == pytest.approx(flying.now_s + 600.0)
-        assert "is the maximum" in await refused(http, 422, "GET", f"{path}?in_min=500")
+        assert "the limit is" in await refused(http, 422, "GET", f"{path}?in_min=500")
 
     asked(flying, ask)
 
@@ -435,9 +435,9 @@ def test_a_preview_gives_the_areas_of_the_correction_and_changes_nothing(tmp_pat
         assert undo["burned_ha_after"] == areas["burned_ha_before"]
         for body, why in (
             ({"do": "redo"}, "nothing to redo"),
-            ({"do": "wind", "speed_m_s": 1.0, "from_deg": 0.0}, "do is one of"),
-            ({}, "do is one of correct, erase, undo, redo"),
-            ({"do": "takeoff"}, "do is one of correct, erase, undo, redo"),
+            ({"do": "wind", "speed_m_s": 1.0, "from_deg": 0.0}, '"do" must be one of'),
+            ({}, '"do" must be one of correct, erase, undo, redo'),
+            ({"do": "takeoff"}, '"do" must be one of correct, erase, undo, redo'),
             ({**drawn, "do": "correct", "points": []}, "points"),
         ):
             assert why in await refused(http, 422, "POST", "/fire/preview", **body)
@@ -675,7 +675,7 @@ def test_a_burn_is_planned_and_approved_by_authorised_users(
         )
         await posted(http, "/burn/no-go", item=items[0], station=stations[0])
         assert (await got(http, "/burn"))["open_items"] == [items[0]]
-        assert "not in a burn" in await refused(
+        assert "not available in a burn" in await refused(
             http, 409, "PATCH", "/planner", alpha=1.0, station=stations[0]
         )
         await posted(http, "/abort")

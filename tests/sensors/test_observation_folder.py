@@ -306,8 +306,8 @@ def test_an_unusable_report_ends_its_sensor_alone() -> None:
     good = FireObserved(5, "ann", "x", "burning", "points", ((36.3, -84.1),), 4, 9.0, 0.0, "")
     for made, words in (
         ("text", "it returned str instead of FireObserved"),
-        (msgspec.structs.replace(good, at_us=4), "is not of the present time"),
-        (msgspec.structs.replace(good, seen_at_us=6), "or was observed later"),
+        (msgspec.structs.replace(good, at_us=4), "has another at_us than the position"),
+        (msgspec.structs.replace(good, seen_at_us=6), "or a later observation time"),
         (msgspec.structs.replace(good, position_sd_m=-1.0), "position_sd_m"),
     ):
         sensors = Sensors({"good": Reporter(good), "bad": Reporter(made)}, (9, 9))

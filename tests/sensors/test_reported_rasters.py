@@ -229,7 +229,7 @@ def test_observations_that_wait_for_the_estimate_are_bounded(land: Landscape) ->
     for _ in range(MAX_REPORTS):
         estimate.check(event)
         estimate.apply_report(event)
-    with pytest.raises(FireModelError, match="64 observations wait for the estimate"):
+    with pytest.raises(FireModelError, match="64 observations are waiting for the estimate"):
         estimate.check(event)
 
 
@@ -266,7 +266,7 @@ def test_unusable_rasters_are_refused_in_one_line(keys: dict[str, Any], reason: 
     ("keys", "reason"),
     [
         ({"west_deg": -54.15, "east_deg": -54.13}, "contains no cell of the landscape"),
-        ({"rows": ["u" * 5], "missed_pct": 1.0}, "a cell needs five seen neighbours"),
+        ({"rows": ["u" * 5], "missed_pct": 1.0}, "a cell needs five observed neighbours"),
     ],
 )
 def test_rasters_that_the_estimate_cannot_use_are_refused(
@@ -279,7 +279,7 @@ def test_rasters_that_the_estimate_cannot_use_are_refused(
 
 
 NOTES: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"rows": ["b" * 20] * 20, "false_alarms_pct": 2.0}, "wait for a second report: 3"),
+    ({"rows": ["b" * 20] * 20, "false_alarms_pct": 2.0}, "need a second report: 3"),
     (
         {"rows": ["u" * 9 + "b" + "u" * 10] + ["u" * 20] * 9, "missed_pct": 1.0},
         "majority filter",

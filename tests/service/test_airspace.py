@@ -578,7 +578,7 @@ def test_a_pilots_vehicle_is_reported_and_left_alone(fly: Fly) -> None:
     flight.run(5.0)
     flight.submit(closed_at(flight.now_us, here(flight)))
     flight.run(10.0)
-    assert "not under control" in flight.state_view.alarms["airspace/hawk"].text
+    assert "not under the service's control" in flight.state_view.alarms["airspace/hawk"].text
     entries = flight.over()
     closed = next(n for n, entry in enumerate(entries) if isinstance(entry, AirspaceClosed))
     sent = (UploadMission, Hold, Return, StartMission)
@@ -650,9 +650,9 @@ def test_closing_a_name_twice_and_opening_an_unknown_name_are_refused(fly: Fly) 
     flight.run(5.0)
     flight.submit(closed_at(flight.now_us, FIRE))
     twice = flight.submit(closed_at(flight.now_us, FIRE))
-    assert "a closed volume 'copter' exists already" in " ".join(twice)
+    assert "a closed volume 'copter' already exists" in " ".join(twice)
     unknown = flight.submit(AirspaceOpened(flight.now_us, *ANN, "other"))
-    assert "no closed volume 'other'; closed are: 'copter'" in " ".join(unknown)
+    assert "no closed volume 'other'; closed volumes: 'copter'" in " ".join(unknown)
     flight.over()
 
 

@@ -191,8 +191,8 @@ NAN = float("nan")
     ("request_", "words"),
     [
         ({"do": "fire"}, "unknown request 'fire'"),
-        ({"do": 7}, "unknown request without a name"),
-        ({}, "unknown request without a name"),
+        ({"do": 7}, "unknown request (no name)"),
+        ({}, "unknown request (no name)"),
         ({"do": "settings"}, "settings: give alpha"),
         ({"do": "hold", "vehicle": "../x"}, "hold: "),
         ({"do": "hold", "vehicle": "hawk\n"}, "hold: "),
@@ -202,14 +202,14 @@ NAN = float("nan")
         ({"do": "approve", "hash": HASH.upper()}, "approve: "),
         ({"do": "approve"}, "approve: hash: is missing; give all 64 digits"),
         ({"do": "present", "extra": 1}, "extra: unknown key; give by, station"),
-        ({"do": "present", "station": "nowhere"}, "unknown station 'nowhere'; the scenario has al"),
+        ({"do": "present", "station": "nowhere"}, "unknown station 'nowhere'; the stations are al"),
         ({"do": "present", "by": ""}, "present: "),
         ({"do": "present", "by": " "}, "present: "),
         ({"do": "present", "by": "x" * 81}, "present: "),
         ({"do": "present", "by": "a\nb"}, "present: "),
         ({"do": "present", "by": "\x1b[2J"}, "present: "),
-        ({"do": "present", "by": "service"}, "is reserved for the service; give your name"),
-        ({"do": "resume", "by": " Service"}, "is reserved for the service; give your name"),
+        ({"do": "present", "by": "service"}, "is reserved for the service; enter your name"),
+        ({"do": "resume", "by": " Service"}, "is reserved for the service; enter your name"),
         ({"do": "present", "by": 3}, "present: by: give one line of printable characters"),
         ({"do": "go", "item": "all"}, "no item 'all' on the GO/NO-GO checklist: weather; payload"),
         ({"do": "go", "item": True}, "go: item: give a text of 1 to 200 characters (got True)"),
@@ -273,7 +273,7 @@ def test_places_off_the_map_and_impossible_lines_are_not_submitted() -> None:
         {"do": "unit", "points": [*far, [60, -83]]},
         {"do": "correct", "state": "burned", "shape": "line", "points": far},
     ):
-        with pytest.raises(RequestError, match="km exceeds"):
+        with pytest.raises(RequestError, match="km exceeds the limit"):
             event_of({**request, **OPERATOR_FIELDS}, AT_US, SCOPE)
 
 
@@ -436,8 +436,8 @@ def test_any_request_is_answered_and_harms_no_other_client(tmp_path: Path) -> No
         (b'{"do":"wind","speed_m_s":NaN}\n', "not a line of JSON"),
         (b"\xff\xfe\n", "not a line of JSON"),
         (b"[" * 30_000 + b"\n", "not a line of JSON"),
-        (b"[" * 900 + b"]" * 900 + b"\n", "a request is a JSON object"),
-        (b"7\n", "a request is a JSON object"),
+        (b"[" * 900 + b"]" * 900 + b"\n", "a request must be a JSON object"),
+        (b"7\n", "a request must be a JSON object"),
         (b'{"do":"present","by":' + b"[" * 900 + b"]" * 900 + b"}\n", "present: "),
         (unit, "the unit is on the moon"),
         (b"x" * 100_000 + b"\n", "the line has more than 65536 bytes"),

@@ -331,7 +331,10 @@ def test_what_cannot_be_a_perimeter_is_refused(tmp_path: Path) -> None:
     site = write_site(tmp_path)
     scenario = write_scenario(site, TIFFS, CSV, '[fire]\nperimeter = "area.geojson"\n')
     drawn(site / "area.geojson", on_grid(30, 20).buffer(100.0), on_grid(30, 20))
-    assert "area.geojson: feature 2 has Point; a perimeter has only polygons" in refused(scenario)
+    assert (
+        "area.geojson: feature 2 contains Point; a perimeter must contain only polygons"
+        in refused(scenario)
+    )
     drawn(site / "area.geojson", on_grid(30, 20).buffer(9000.0))
     assert "no outline of the perimeter is on the landscape" in refused(scenario)
 

@@ -424,10 +424,10 @@ def test_of_two_users_the_second_is_refused(land: Landscape) -> None:
     ground.at()
     ground.order("takeoff", by="ann")
     refused = ground.order("takeoff", by="bob")
-    assert texts(refused) == "rejected: hawk: ann has signed off its takeoff already"
+    assert texts(refused) == "rejected: hawk: ann has already signed off its takeoff"
     assert starts(ground.stands())
     refused = ground.order("takeoff", by="bob")
-    assert texts(refused) == "rejected: hawk: its takeoff has begun"
+    assert texts(refused) == "rejected: hawk: its takeoff has already begun"
 
 
 def test_a_vehicle_in_the_air_is_not_signed_off(land: Landscape) -> None:

@@ -232,7 +232,7 @@ def test_places_within_the_error_of_the_front_change_nothing(world: World) -> No
     ("keys", "reason"),
     [
         ({"points": [[36.36, -54.14]]}, "36.36, -54.14 is outside the landscape"),
-        ({"points": [[-84.14, 36.36]]}, "latitude and longitude are exchanged"),
+        ({"points": [[-84.14, 36.36]]}, "latitude and longitude are swapped"),
         ({"age_s": 7 * 3600.0}, "age_s: give a number from 0 to 21600"),
         ({"age_s": -5.0}, "age_s"),
         ({"false_alarms_pct": 100.0}, "false_alarms_pct"),

@@ -95,7 +95,7 @@ class FrontFlight(Guidance):
                 commands.append(Announce(name, words))
             else:
                 rule = self.scenario.planner.rule
-                words = f"{REJECTED} the rule {rule} has no such settings: no setting was changed"
+                words = f"{REJECTED} the rule {rule} does not have these settings: none was changed"
                 commands.append(Announce(name, words, "warning"))
         return commands
 
