@@ -478,7 +478,7 @@ class AirspaceGuard:
         if not _inside(airspace, fix) and airspace.conflict([stays], self._landscape) is None:
             vehicle.drop_upload()
             state.evasion, vehicle.holding = Evasion.HOLD, not (vehicle.ordered or returns)
-            words = f"holds before {conflict}"
+            words = f"holds short of {conflict}"
             if vehicle.availability.mode == "hold":
                 return self._raised(vehicle, words)
             return [*self._raised(vehicle, words), announce(vehicle, words), Hold(vehicle.name)]

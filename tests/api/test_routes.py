@@ -260,7 +260,7 @@ def test_the_fire_can_be_seen_at_any_time(flying: World) -> None:
         perimeter = await got(http, "/fire/perimeters.geojson")
         assert "IncidentName" in perimeter["features"][0]["properties"]
         both = await refused(http, 422, "GET", "/fire/front?at_s=1&in_s=1")
-        assert both == "give only one of at_s, in_s and in_min"
+        assert both == "specify only one of at_s, in_s and in_min"
         for wrong in ("nan", "inf", "1e300", "soon", ""):
             await refused(http, 422, "GET", f"/fire/front?in_s={wrong}")
         assert "the limit is" in await refused(http, 422, "GET", "/fire/front?in_s=900000")
@@ -444,7 +444,7 @@ def test_a_preview_gives_the_areas_of_the_correction_and_changes_nothing(tmp_pat
         twice = await http.post(f"{V1}/fire/perimeter?preview=true&preview=false", json=feature)
         assert (twice.status_code, twice.json()["error"]) == (
             422,
-            "query parameter 'preview' is given more than once; give it once",
+            "query parameter 'preview' appears more than once; specify it once",
         )
         assert len(world.submitted) == 1
 
@@ -718,7 +718,7 @@ def test_the_log_names_the_author_of_each_change(tmp_path: Path) -> None:
         off = await http.post(f"{V1}/notes", json={**note, "lat_deg": 10.0, "by": "Eve"})
         assert (off.status_code, "is outside the landscape" in off.text) == (422, True)
         assert found == [
-            ("fire", "Ann draws a burned point, for 10 min earlier"),
+            ("fire", "Ann draws a burned point, valid 10 min earlier"),
             ("fire", "Bob undoes the last correction"),
             ("fire", "Ann sets the wind: 3.0 m/s from 90°"),
             ("settings", "Cem changes settings: alpha = 1.5"),

@@ -201,7 +201,7 @@ def test_files_that_are_not_used_change_nothing_and_raise_an_alarm(
     world.fly(START_S + 120.0)
     alarm = world.context.state_view.alarms["sensor/observation_files"]
     assert "a file is not used: " in alarm.text
-    assert "large.gpkg: 4295 MB; files up to 64 MB are read" in alarm.text
+    assert "large.gpkg: 4295 MB; the maximum is 64 MB" in alarm.text
     assert not burned(world)[INSIDE].any()
 
 

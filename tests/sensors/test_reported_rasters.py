@@ -237,8 +237,11 @@ def test_observations_that_wait_for_the_estimate_are_bounded(land: Landscape) ->
     ("keys", "reason"),
     [
         ({"rows": ["ub", "u"]}, "row 2 has 1 letters and row 1 has 2"),
-        ({"rows": ["uB"]}, "give the letters b (burned), u (unburned) and . (not seen)"),
-        ({"rows": ["u\n"]}, "give the letters"),
+        (
+            {"rows": ["uB"]},
+            "must be a string of the letters b (burned), u (unburned) and . (not seen)",
+        ),
+        ({"rows": ["u\n"]}, "must be a string of the letters"),
         ({"rows": ["..", ".."]}, "no cell was seen"),
         ({"rows": []}, "rows"),
         ({"rows": ["u"] * 257}, "rows"),
@@ -248,7 +251,7 @@ def test_observations_that_wait_for_the_estimate_are_bounded(land: Landscape) ->
         ({"east_deg": float("nan")}, "east_deg"),
         ({"west_deg": "x"}, "west_deg"),
         ({"age_s": -3600.0}, "age_s"),
-        ({"age_s": 7 * 3600.0}, "age_s: give a number from 0 to 21600"),
+        ({"age_s": 7 * 3600.0}, "age_s: must be a number from 0 to 21600"),
         ({"missed_pct": 100}, "missed_pct"),
         ({"speed": 1}, "unknown key"),
     ],

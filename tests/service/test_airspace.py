@@ -116,8 +116,8 @@ def test_outside_the_allowed_areas_is_closed(land: Landscape) -> None:
 @pytest.mark.parametrize(
     ("entry", "problem"),
     [
-        ({"name": "x"}, "give either corners, or lat_deg, lon_deg and radius_m"),
-        ({"name": "x", "lat_deg": 36.0}, "give either corners"),
+        ({"name": "x"}, "specify either `corners`, or lat_deg, lon_deg and radius_m"),
+        ({"name": "x", "lat_deg": 36.0}, "specify either `corners`"),
         (
             {"name": "x", "corners": square(FIRE, 5.0), "floor_amsl_m": 9, "ceiling_amsl_m": 8},
             "ceiling_amsl_m must be above floor_amsl_m",
@@ -128,7 +128,7 @@ def test_outside_the_allowed_areas_is_closed(land: Landscape) -> None:
         ),
         (
             {"name": "x", "corners": square(FIRE, 5.0), "floor_amsl_m": 9, "floor_agl_m": 8},
-            "give only one of floor_amsl_m and floor_agl_m",
+            "specify only one of floor_amsl_m and floor_agl_m",
         ),
     ],
 )

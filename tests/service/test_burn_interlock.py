@@ -127,7 +127,7 @@ NORTH_DEG = 40.0 * DEG_PER_M
         ((BatteryUpdated(AT_US, NAME, 24.9),), "battery 24.9 %, at least 25 % required"),
         ((BatteryUpdated(AT_US, NAME, float("nan")),), "battery nan %"),
         ((ModeChanged(AT_US, NAME, 4, True, "guided"),), "in mode guided"),
-        ((fix(AT_US, east_m=-40.0),), "off drop 0"),
+        ((fix(AT_US, east_m=-40.0),), "from the target of drop 0"),
         ((fix(AT_US, height_m=24.0),), "24 m above the drop's target, not 15 ± 8 m"),
         ((fix(AT_US, height_m=6.0),), "6 m above the drop's target"),
         ((fix(AT_US, height_m=float("nan")),), "nan m above"),

@@ -45,8 +45,8 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ("wind_speed_m_s = 4", "wind_speed_m_s = -4", ["weather.0.wind_speed_m_s", "-4"]),
         ('rule = "islam_hu_damped"', 'rule = "dampened"', ["planner.rule", "dampened"]),
         ("duration_s = 21600", 'duration_s = "six hours"', ["duration_s", "six hours"]),
-        ("duration_s = 21600", "", ["duration_s", "is missing; give a number, above 0"]),
-        ('source = "jacksboro"', 'source = "files"', ["landscape", "either file, or fuel"]),
+        ("duration_s = 21600", "", ["duration_s", "is missing; specify a number, above 0"]),
+        ('source = "jacksboro"', 'source = "files"', ["landscape", "requires `file`, or `fuel`"]),
         ('source = "jacksboro"', 'fuel = "no.tif"', ["landscape", 'source = "files"']),
         (
             'source = "jacksboro"',
@@ -68,13 +68,13 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ('scheme = "devs8"', 'arrival = "."', ["fire.arrival", "is a folder, not a file"]),
         ('scheme = "devs8"', 'perimeter = "missing.kml"', ["fire.perimeter", "no such file"]),
         ("seed = 1", 'weather_file = {path = "w.csv"}', ["either weather entries"]),
-        ('scheme = "devs8"', "spotting = true", ["fire", "spotting requires crown"]),
+        ('scheme = "devs8"', "spotting = true", ["fire", "`spotting` requires `crown`"]),
         (
             'scheme = "devs8"',
             'scheme = "probabilistic"\nacceleration = true',
-            ["fire", "acceleration has no effect"],
+            ["fire", "`acceleration` has no effect"],
         ),
-        ("seed = 1", "suppression = [{at_s = 1}]", ["suppression.0", "either points or file"]),
+        ("seed = 1", "suppression = [{at_s = 1}]", ["suppression.0", "either `points` or `file`"]),
         (
             "seed = 1",
             "suppression = [{points = [[36.0, -84.0], [36.0, -84.1]], rate_m_h = 0}]",

@@ -207,7 +207,7 @@ def test_what_is_printed_without_json(tmp_path: Path) -> None:
     result = call("fire", "run", str(scenario), "-o", str(out), *options)
     assert result.exit_code == 0, result.output
     assert "burned_area_ha: " in result.stdout
-    assert f"summary.json in {out}/" in result.stdout
+    assert f"summary.json to {out}/" in result.stdout
     assert [front["properties"]["time_s"] for front in fronts(out)] == [500, 1000, 1200]
 
 
@@ -314,8 +314,8 @@ def refused(scenario: Path, *options: str) -> str:
     [
         ("rows = 50", 'landscape: rows has no effect with source = "files"'),
         ('units = {slop = "percent"}', "units: layer 'slop' is unknown"),
-        ('units = {slope = "percent"}', "units: slope has a unit, but no band is this layer"),
-        ('units = {fuel = "m"}', "units: the layer fuel has no units"),
+        ('units = {slope = "percent"}', "units: slope has a unit, but no band contains this layer"),
+        ('units = {fuel = "m"}', "units: the layer fuel is dimensionless"),
         ("nodata = inf", "landscape.nodata"),
         ('fuel = "."', "landscape.fuel: is a folder, not a file"),
     ],
@@ -353,7 +353,7 @@ def test_fronts_come_often_or_only_at_the_end(tmp_path: Path) -> None:
     assert [front["properties"]["time_s"] for front in fronts(tmp_path / "out")] == [3600]
     nan = call("fire", "run", str(scenario), "-o", str(tmp_path / "out"), "--front-every", "nan")
     assert nan.exit_code == 2
-    assert "give seconds" in nan.stderr
+    assert "must be a number of seconds" in nan.stderr
 
 
 def test_weather_that_ends_early_is_noted(tmp_path: Path) -> None:
@@ -388,8 +388,8 @@ def test_any_name_can_stand_on_the_map(tmp_path: Path) -> None:
 def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     fuel, none = str(write_site(tmp_path) / "fuel.tif"), tmp_path / "none.geojson"
     for words, message in (
-        ((fuel, fuel), "give one file, or the layers of a landscape, each as LAYER=FILE"),
-        ((f"fuel={fuel}", f"fuel={fuel}"), "fuel is given twice"),
+        ((fuel, fuel), "specify one file, or the layers of a landscape, each as LAYER=FILE"),
+        ((f"fuel={fuel}", f"fuel={fuel}"), "fuel is specified twice"),
         (("fuel=", f"elevation={fuel}"), "files: fuel="),
         ((fuel, "--unit", "slope"), "--unit: slope: write it as LAYER=UNIT"),
     ):
@@ -402,7 +402,7 @@ def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     none.write_text('{"type": "FeatureCollection", "features": []}', encoding="utf-8")
     empty = call("fire", "info", str(none))
     assert "none.geojson: has no features" in empty.stdout
-    assert "is a folder; give a file" in call("fire", "info", str(tmp_path)).stdout
+    assert "is a folder, not a file" in call("fire", "info", str(tmp_path)).stdout
     write_raster(tmp_path / "c.tif", HEIGHTS.astype(np.complex64))
     assert "c.tif: contains complex numbers" in call("fire", "info", str(tmp_path / "c.tif")).stdout
 

@@ -71,7 +71,7 @@ def test_only_missing_runs_are_burned_and_other_settings_refused(tmp_path: Path)
     ]:
         result = call("fire", "sweep", str(flat), "-o", str(out), *options)
         assert result.exit_code == 1
-        assert "contains results of other settings" in result.output
+        assert "contains results with other settings" in result.output
         assert text in result.output
     assert contents(out) == before
 

@@ -149,7 +149,7 @@ def test_the_state_of_a_vehicle_shows_the_reaction() -> None:
 
 @pytest.mark.parametrize("wanted", ["hold", "land"])
 def test_a_reaction_that_arduplane_lacks_is_rejected(wanted: str) -> None:
-    with pytest.raises(ScenarioError, match="an ArduPlane has no reaction lost_link"):
+    with pytest.raises(ScenarioError, match="ArduPlane has no reaction lost_link"):
         core_of(wanted, stack="ardupilot", kind="plane")
 
 
