@@ -538,8 +538,8 @@ class OrderRequest(Request, frozen=True):
     confirmed: Annotated[
         bool,
         Meta(
-            description="Execute the order even if it ends a mode that autopilot or pilot "
-            "selected, or uses the energy for the flight home."
+            description="Execute the order even if it ends a mode that the autopilot or pilot "
+            "selected, or uses energy that is needed for the flight home."
         ),
     ] = False
 
@@ -589,7 +589,7 @@ class Takeoff(Request, frozen=True):
         Meta(
             max_length=200,
             pattern=PRINTED,
-            description="The reason to take off although checks fail; empty: no override. The "
+            description="Reason to take off although checks fail; empty: no override. The "
             "checks of position, estimator and airspace cannot be overridden.",
         ),
     ] = ""

@@ -334,7 +334,7 @@ class RunEstimate:
         if isinstance(event, OBSERVATIONS):
             if not self._accepts_reports:
                 raise FireModelError(
-                    "observe: a burn uses cameras and corrections only; use correct"
+                    'observe: a burn uses only cameras and corrections; use "correct"'
                 )
             if len(self._waiting) >= MAX_REPORTS:
                 raise FireModelError(

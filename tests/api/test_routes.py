@@ -192,7 +192,7 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
     world = world_in(tmp_path, scenario_of())
 
     async def early(http: httpx.AsyncClient) -> None:
-        assert "no importance yet" in await refused(http, 404, "GET", "/vehicles/hawk/importance")
+        assert "no importance values yet" in await refused(http, 404, "GET", "/vehicles/hawk/importance")
 
     asked(world, early)
     planner = cast(Planner, world.context.core.guidance.planners["hawk"])

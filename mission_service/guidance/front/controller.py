@@ -220,7 +220,7 @@ class FrontFlight(Guidance):
     def _path(self, planner: Planner, row: float, col: float) -> Floats | None:
         cells = np.asarray(planner.path(row, col), dtype=float)
         if not np.isfinite(cells).all():
-            raise ValueError("the planner's path has a value that is not finite")
+            raise ValueError("the planner's path contains a value that is not finite")
         if len(cells) < 2:
             return None
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
