@@ -192,7 +192,9 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
     world = world_in(tmp_path, scenario_of())
 
     async def early(http: httpx.AsyncClient) -> None:
-        assert "no importance values yet" in await refused(http, 404, "GET", "/vehicles/hawk/importance")
+        assert "no importance values yet" in await refused(
+            http, 404, "GET", "/vehicles/hawk/importance"
+        )
 
     asked(world, early)
     planner = cast(Planner, world.context.core.guidance.planners["hawk"])
@@ -295,7 +297,7 @@ def test_unknown_query_parameters_are_refused_on_every_route(flying: World) -> N
                     call.method, call.path, params={"colour": 1}, json=call.body
                 )
                 assert answer.status_code == 422, call
-                assert "unknown query parameter 'colour'; the route has" in answer.json()["error"]
+                assert "unknown query parameter 'colour'; " in answer.json()["error"]
 
     asyncio.run(ask())
     service.app.api.context.close()
@@ -362,8 +364,8 @@ def test_operator_requests_become_events(tmp_path: Path) -> None:
         assert (await got(http, "/planner"))["alpha"] == 1.5
         count_before = len(world.submitted)
         for path, body, why in (
-            ("/vehicles/hawk/hold", {"vehicle": "kite"}, "unknown key vehicle"),
-            ("/vehicles/hawk/hold", {"do": "abort"}, "unknown key do"),
+            ("/vehicles/hawk/hold", {"vehicle": "kite"}, "unknown key 'vehicle'"),
+            ("/vehicles/hawk/hold", {"do": "abort"}, "unknown key 'do'"),
             ("/vehicles/hawk/hold", {"colour": 1}, "colour"),
             ("/wind", {"speed_m_s": -1, "from_deg": 0}, "wind"),
             ("/wind", {"speed_m_s": 1, "from_deg": 0, "by": "\x07"}, "by"),

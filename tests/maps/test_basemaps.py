@@ -190,8 +190,8 @@ def test_high_values_are_stretched_and_palettes_are_used(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("a.pmtiles", b"PMTiles?" * 100, "not a PMTiles file"),
-        ("a.pmtiles", b"", "not a PMTiles file"),
+        ("a.pmtiles", b"PMTiles?" * 100, "not a PMTiles version 3 file"),
+        ("a.pmtiles", b"", "not a PMTiles version 3 file"),
         ("a.mbtiles", b"no database" * 10, "not an MBTiles file"),
         ("a.tif", b"II*no", "not a readable raster"),
     ],

@@ -215,7 +215,7 @@ def test_zipped_shapefiles_with_names_cut_off(tmp_path: Path, crs: str) -> None:
 
 
 def test_a_national_file_is_refused_with_what_to_do() -> None:
-    with pytest.raises(FireModelError, match=r"us.json: 8000001 bytes; .* send only this fire"):
+    with pytest.raises(FireModelError, match=r"us.json: has 8000001 bytes; .* send only this fire"):
         read(b" " * (LARGEST_BYTES + 1), "us.json")
 
 

@@ -111,11 +111,11 @@ def test_no_operator_is_present_by_a_message() -> None:
         (b'{"id": "ab\\n", "by": "a", "sent_at_unix_us": 1}', "id: must be printable ASCII"),
         (
             b'{"id": "ab", "by": "a\\u001b[2J", "sent_at_unix_us": 1}',
-            "by: must be a non-blank line of printable",
+            "by: must be one line of printable",
         ),
         (
             b'{"id": "ab", "by": "a\\n", "sent_at_unix_us": 1}',
-            "by: must be a non-blank line of printable",
+            "by: must be one line of printable",
         ),
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": 1e400}', "cannot be read"),
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": ' + b"9" * 5000 + b"}", "h"),
@@ -139,8 +139,8 @@ def test_the_error_for_unknown_commands_lists_the_commands() -> None:
 
 
 def test_the_command_is_given_by_the_topic_alone() -> None:
-    RunInterface().refuses("hold", "unknown key do", do="abort")
-    RunInterface().refuses("hold", "unknown key do", do="approve")
+    RunInterface().refuses("hold", 'unknown key "do"', do="abort")
+    RunInterface().refuses("hold", 'unknown key "do"', do="approve")
     run_interface = RunInterface()
     reply = run_interface.takes("abort", do="hold")
     assert reply is not None

@@ -344,7 +344,7 @@ def test_times_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
     late = refused(scenario, "--set", "ignition.0.at_s=3600")
     assert "the first ignition is at_s = 3600, which must be before duration_s = 3600" in late
     many = refused(scenario, "--set", "duration_s=10080", "--front-every", "1")
-    assert "10080 fronts until 10080 s, more than 10000; give 2 or more" in many
+    assert "10080 fronts until 10080 s, more than 10000; specify 2 or more" in many
 
 
 def test_fronts_come_often_or_only_at_the_end(tmp_path: Path) -> None:

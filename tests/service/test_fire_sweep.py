@@ -121,7 +121,7 @@ def test_ranges_contain_their_ends_and_are_exact() -> None:
         (["a=1,,2"], "is empty"),
         (["a=1:2:0"], "positive step"),
         (["a=nan:2:1"], "positive step"),
-        (["a=2:1:1"], "exchange them"),
+        (["a=2:1:1"], "swap them"),
         (["a=0:1e9:1"], "1000000001 values"),
         (["a=1:200:1", "b=1:200:1"], "40000 runs"),
     ],

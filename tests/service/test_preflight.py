@@ -281,7 +281,7 @@ def test_the_wind_is_compared_with_the_limit_of_the_airframe(land: Landscape) ->
     assert ground.check("wind") == ("fail", "4 m/s; the limit is 3 m/s: wait for less wind")
     ground = Ground(land, WAITS, "weather.0.wind_speed_m_s=4")
     limit_m_s = ground.section.airspeed_m_s
-    assert ground.check("wind") == ("pass", f"4 m/s, the limit is {limit_m_s:.0f} m/s")
+    assert ground.check("wind") == ("pass", f"4 m/s; the limit is {limit_m_s:.0f} m/s")
 
 
 def test_the_energy_must_suffice_for_the_flight_to_the_task_and_home(land: Landscape) -> None:

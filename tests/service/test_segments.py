@@ -227,7 +227,7 @@ def test_a_state_is_for_its_user_alone_and_no_others_are_read(kept: Kept, tmp_pa
         read(ours, kept.shared)
     ours.chmod(0o600)
     other = kept.scenario.model_copy(update={"seed": 7})
-    with pytest.raises(StateError, match="of another scenario"):
+    with pytest.raises(StateError, match="with another scenario"):
         read(ours, Known(other, kept.landscape))
     assert read(ours, kept.shared)["core"].landscape is kept.landscape
 
