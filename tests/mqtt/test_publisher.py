@@ -473,7 +473,7 @@ def test_what_the_settings_name_is_read_at_once(tmp_path: Path) -> None:
     refused("broker a b: write it as HOST", broker="a b")
     refused("prefix /x", prefix="/x")
     refused("set `user`", password="env:NOBODY")
-    refused("no variable NOBODY", user="u", password="env:NOBODY")
+    refused("variable NOBODY is not set", user="u", password="env:NOBODY")
     refused("cannot be loaded: No such file", tls_ca=tmp_path / "none.pem")
     (tmp_path / "ca.pem").write_text(PASSWORD, "utf-8")
     refused("ca.pem: cannot be loaded", tls_ca=tmp_path / "ca.pem")
