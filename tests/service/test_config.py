@@ -60,7 +60,7 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ),
         ("[[ignition]]\nlat_deg = 36.364232", "[[ignition]]", ["ignition.0", "either"]),
         ('scheme = "devs8"', 'scheme = "huygens"', ["fire.scheme", "huygens"]),
-        ('source = "jacksboro"', 'source = "jacksboro"\ncrs = "EPSG:1"', ["crs has no effect"]),
+        ('source = "jacksboro"', 'source = "jacksboro"\ncrs = "EPSG:1"', ["`crs` has no effect"]),
         ('name = "islam-hu"', 'name = "a\\nb"', ["name", "one line of printable characters"]),
         ('name = "hawk"', 'name = "all"', ["vehicles.0.name", "all vehicles", "another name"]),
         ('source = "jacksboro"', 'barriers = "a.kml"', ["landscape.barriers", "a list"]),

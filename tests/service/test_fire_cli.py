@@ -266,14 +266,14 @@ def test_info_takes_units_crs_and_nodata(tmp_path: Path) -> None:
     for layer, values in (("fuel", gap), ("slope", slope), ("aspect", aspect)):
         words.append(f"{layer}={ascii_grid(tmp_path / f'{layer}.asc', values)}")
     bare = json.loads(call("fire", "info", *words, "--json").stdout)["problems"]
-    for part in ("has no CRS", "unit of slope unknown", "unknown fuel code 77"):
+    for part in ("has no CRS", "unit of slope is unknown", "unknown fuel code 77"):
         assert any(part in problem for problem in bare)
     options = ("--crs", CRS, "--unit", "slope=degrees", "--nodata", "77")
     found = json.loads(call("fire", "info", *words, *options, "--json").stdout)
     assert found["crs"] == CRS
     assert [band["unit"] for band in found["bands"]] == ["", "degrees", "degrees"]
     (problem,) = found["problems"]
-    assert "fuel.asc: no data" in problem
+    assert "fuel.asc: cells without data" in problem
 
 
 def test_the_bench_gives_json() -> None:
@@ -312,7 +312,7 @@ def refused(scenario: Path, *options: str) -> str:
 @pytest.mark.parametrize(
     ("landscape", "words"),
     [
-        ("rows = 50", 'landscape: rows has no effect with source = "files"'),
+        ("rows = 50", 'landscape: `rows` has no effect with source = "files"'),
         ('units = {slop = "percent"}', "units: layer 'slop' is unknown"),
         ('units = {slope = "percent"}', "units: slope has a unit, but no band contains this layer"),
         ('units = {fuel = "m"}', "units: the layer fuel is dimensionless"),

@@ -33,7 +33,9 @@ def _numbers(count: int, form: str) -> Callable[[str], tuple[float, ...]]:
 
 PLACE = _numbers(2, "LAT,LON in degrees, as in 36.35,-84.16")
 WIND = _numbers(2, "SPEED,FROM in m/s and degrees, as in 5,270")
-MOISTURES = _numbers(5, "the moistures of 1 h, 10 h, 100 h, herbs and wood in percent")
+MOISTURES = _numbers(
+    5, "the moistures of 1-h, 10-h, 100-h, live herbaceous and live woody fuel in percent"
+)
 
 
 def aircraft_of(text: str) -> Any:
@@ -130,7 +132,7 @@ def new(file: Path, as_json: bool, **given: Any) -> None:
     from mission_service.errors import MissionServiceError
 
     if file.exists():
-        raise MissionServiceError(f"{file}: exists; give another name")
+        raise MissionServiceError(f"{file}: already exists; choose another name")
     made = file.with_name(f".{file.name}.new")
     file.parent.mkdir(parents=True, exist_ok=True)
     made.write_text(scenario_text(_incident(file, given)), encoding="utf-8")
@@ -184,7 +186,7 @@ def _incident(file: Path, given: dict[str, Any]) -> Any:
     if not (box or given["landscape"] or layers):
         box = _asked("Area as WEST,SOUTH,EAST,NORTH", bounding_box, "--box, --landscape or --layer")
     if box is not None and not all(MIN_CELLS <= each <= MAX_CELLS for each in grid_of(box)):
-        raise click.UsageError("--box: give an area of 600 m to 120 km along each side")
+        raise click.UsageError("--box: each side of the area must be 600 m to 120 km long")
     wind, ignitions = given["wind"], given["ignitions"]
     if wind is None and given["weather"] is None:
         wind = _asked("Wind as SPEED,FROM (m/s, degrees)", WIND, "--wind or --weather")
@@ -218,7 +220,7 @@ def _incident(file: Path, given: dict[str, Any]) -> Any:
 def _refuse_several(*options: tuple[str, object]) -> None:
     found = [name for name, value in options if value]
     if len(found) > 1:
-        raise click.UsageError(f"give only one of {' and '.join(found)}")
+        raise click.UsageError(f"specify only one of {' and '.join(found)}")
 
 
 def is_terminal() -> bool:
@@ -229,6 +231,6 @@ def is_terminal() -> bool:
 def _asked(question: str, read: Callable[[str], Value], options: str) -> Value:
     """Ask on a terminal until the answer is valid; elsewhere, name the missing options."""
     if not is_terminal():
-        raise click.UsageError(f"give {options}")
+        raise click.UsageError(f"specify {options}")
     found: Value = click.prompt(question, value_proc=read, err=True)
     return found
