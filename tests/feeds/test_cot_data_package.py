@@ -156,7 +156,7 @@ def test_a_password_outside_the_package_applies(
     text = files["certs/server.pref"].replace(b"client's", b"").replace(b"atakatak", b"")
     path = packed(tmp_path / "package.zip", files, server=text)
     settings = CotSection(data_package=path, data_package_password="env:TAK_PASSWORD")
-    with pytest.raises(MissionServiceError, match="no variable TAK_PASSWORD"):
+    with pytest.raises(MissionServiceError, match="variable TAK_PASSWORD is not set"):
         endpoint_of(settings)
     monkeypatch.setenv("TAK_PASSWORD", "wrong")
     with pytest.raises(MissionServiceError, match=r"the password of ca\.p12 is wrong"):
