@@ -133,7 +133,7 @@ def item_of_params(
     x, y = (NO_POSITION if math.isnan(value) else round(value * unit) for value in position)
     for name, value in (("param 5", x), ("param 6", y)):
         if not -(2**31) <= value < 2**31:
-            raise ValueError(f"{name} ({value / unit:g}) does not fit into a mission item")
+            raise ValueError(f"{name} ({value / unit:g}) is out of range for a mission item")
     return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, autocontinue)
 
 

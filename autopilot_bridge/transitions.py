@@ -30,5 +30,7 @@ def enter(
     """
     if state not in allowed.get(history[-1], ()):
         states = ", ".join(str(each.value) for each in history)
-        raise InvalidTransitionError(f"{of} ({states}): {state.value} cannot follow")
+        raise InvalidTransitionError(
+            f"{of} ({states}): a transition to {state.value} is not allowed"
+        )
     history.append(state)

@@ -73,7 +73,8 @@ def time_zero_warnings(weather: WeatherStream, time_zero: datetime | None) -> li
 def _moisture_as_fraction(inputs: FireInputs) -> Iterator[str]:
     limits_pct = dict.fromkeys(DEAD_PCT, MIN_DEAD_PCT) | dict.fromkeys(LIVE, MIN_LIVE_PCT)
     found = [
-        f"{place}: {name} = {value:g} %: probably a fraction; give percent ({100.0 * value:g})"
+        f"{place}: {name} = {value:g} %: probably a fraction; specify it in percent "
+        f"({100.0 * value:g})"
         for place, entry in _used(inputs)
         for name, value in _moistures_pct(entry)
         if 0.0 < value < limits_pct[name.partition(" ")[0]]
@@ -83,8 +84,8 @@ def _moisture_as_fraction(inputs: FireInputs) -> Iterator[str]:
 
 def _no_dead_moisture(inputs: FireInputs) -> Iterator[str]:
     found = [
-        f"{place}: {name} = 0 %: dead fuel is never this dry, so a value is probably missing; give "
-        "the moisture in percent"
+        f"{place}: {name} = 0 %: dead fuel is never this dry, so a value is probably missing; "
+        "specify the moisture in percent"
         for place, entry in _used(inputs)
         for name, value in _moistures_pct(entry)
         if value == 0.0 and name.startswith(DEAD_PCT)
@@ -104,7 +105,7 @@ def _moistures_pct(entry: Weather) -> Iterator[tuple[str, float]]:
 def _strong_wind(inputs: FireInputs) -> Iterator[str]:
     found = [
         f"{place}: wind of {entry.wind_speed_m_s:g} m/s, more than {MAX_WIND_M_S:g} m/s: probably "
-        "given in another unit (km/h, mph); give m/s"
+        "in another unit (km/h, mph); convert it to m/s"
         for place, entry in _used(inputs)
         if entry.wind_speed_m_s > MAX_WIND_M_S
     ]
@@ -117,8 +118,8 @@ def _dry_air(inputs: FireInputs) -> Iterator[str]:
         return
     pairs = zip(_used(inputs), source.humidity_pct, strict=False)
     found = [
-        f"{place}: humidity of {value:g} %, below {MIN_HUMIDITY_PCT:g} %: probably a fraction or a "
-        "missing value; give percent"
+        f"{place}: humidity of {value:g} %, below {MIN_HUMIDITY_PCT:g} %: probably a fraction or "
+        "a missing value; specify it in percent"
         for (place, _), value in pairs
         if value < MIN_HUMIDITY_PCT
     ]
@@ -131,7 +132,7 @@ def _weather_ends_early(inputs: FireInputs) -> Iterator[str]:
     usual_s = last_s - entries[-2].at_s if len(entries) > 1 else MAX_LAST_RECORD_S
     if source is not None and end_s - last_s > max(usual_s, MAX_LAST_RECORD_S):
         yield (
-            f"{source.name}: ends at {last_s:g} s; its last record is used until {end_s:g} s; give "
+            f"{source.name}: ends at {last_s:g} s; its last record is used until {end_s:g} s; use "
             "a longer file, or check the start and the duration"
         )
 

@@ -83,13 +83,13 @@ def burn(
         'MultiPolygon'
     """
     if scheme not in SCHEMES:
-        raise FireModelError(f"scheme = {scheme!r}: give one of {', '.join(SCHEMES)}")
+        raise FireModelError(f"scheme = {scheme!r}: must be one of {', '.join(SCHEMES)}")
     unknown = sorted(settings.keys() - {"seed", *SCHEMES[scheme].settings})
     if unknown:
         names = ", ".join(SCHEMES[scheme].settings)
         raise FireModelError(f"{unknown[0]}: scheme {scheme} has no such setting; it has {names}")
     if not isinstance(duration_s, Real):
-        raise FireModelError(f"duration_s = {duration_s!r}: give a number of seconds")
+        raise FireModelError(f"duration_s = {duration_s!r}: must be a number of seconds")
     land = _landscape(landscape)
     lit = [(row, col, 0.0) for row, col in _cells(ignitions, land)]
     stream = _stream(weather)
@@ -108,7 +108,7 @@ def _landscape(given: Landscape | Path | str | None) -> Landscape:
     if isinstance(given, Landscape):
         return given
     if not isinstance(given, (str, Path)):
-        raise FireModelError(f"landscape = {given!r}: give a Landscape or the path of a file")
+        raise FireModelError(f"landscape = {given!r}: must be a Landscape or the path of a file")
     from firemodel.landscape.readers.rasters import read_landscape
 
     return read_landscape(Path(given))
@@ -121,7 +121,7 @@ def _stream(given: WeatherStream | Weather | Path | str | None) -> WeatherStream
         return given
     if not isinstance(given, (str, Path)):
         raise FireModelError(
-            f"weather = {given!r}: give a Weather, a WeatherStream or the path of a file"
+            f"weather = {given!r}: must be a Weather, a WeatherStream or the path of a file"
         )
     from firemodel.landscape.readers.weather_files import read_weather
 
@@ -143,7 +143,7 @@ def _cells(
         places = []
     if not places:
         raise FireModelError(
-            f"ignitions = {given!r}: give one or more (latitude, longitude) in degrees, as in "
+            f"ignitions = {given!r}: must be one or more (latitude, longitude) in degrees, as in "
             "[(36.364, -84.141)], or the path of a file"
         )
     return [land.cell_of_lat_lon(*place) for place in places]
@@ -158,5 +158,5 @@ def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:
 
     cells = burnable_cells(read_shapes(path, land), land)
     if not cells:
-        raise FireModelError(f"{path}: all its cells are non-burnable; give another place")
+        raise FireModelError(f"{path}: all its cells are non-burnable; use another position")
     return cells

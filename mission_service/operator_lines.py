@@ -40,4 +40,4 @@ def _when(event: events.Corrected) -> str:
     minutes = round((event.marked_at_us - event.at_us) / 60e6)
     if minutes == 0:
         return ""
-    return f", for {minutes} min later" if minutes > 0 else f", for {-minutes} min earlier"
+    return f", valid {minutes} min later" if minutes > 0 else f", valid {-minutes} min earlier"

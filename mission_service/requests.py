@@ -40,16 +40,16 @@ PHOTO = r"^([0-9a-f]{64}\.(jpg|png|webp))?$(?!\n)"
 ANY_VEHICLE, ONE_VEHICLE = r"^[\w-]*$(?!\n)", r"^[\w-]+$(?!\n)"
 FULL_HASH = r"^[0-9a-f]{64}$(?!\n)"
 LETTERS = r"^[bu.]*$(?!\n)"
-_OF_VEHICLE = "give the name of a vehicle: letters, digits, - and _"
+_OF_VEHICLE = "the name of a vehicle: letters, digits, - and _"
 PATTERNS = {
-    NAME: "give one line of printable characters that is not blank",
-    PRINTED: "give one line of printable characters",
-    VISIBLE: "give printable ASCII characters without spaces",
+    NAME: "a non-blank line of printable characters",
+    PRINTED: "one line of printable characters",
+    VISIBLE: "printable ASCII characters without spaces",
     ANY_VEHICLE: _OF_VEHICLE,
     ONE_VEHICLE: _OF_VEHICLE,
-    FULL_HASH: "give all 64 digits of the hash, 0 to 9 and a to f",
-    PHOTO: "give the name of a photo that was sent to the route /photos",
-    LETTERS: "give the letters b (burned), u (unburned) and . (not seen)",
+    FULL_HASH: "all 64 digits of the hash, 0 to 9 and a to f",
+    PHOTO: "the name of a photo that was uploaded to /photos",
+    LETTERS: "a string of the letters b (burned), u (unburned) and . (not seen)",
 }
 
 # Limits of numbers also exclude NaN.
@@ -198,7 +198,7 @@ class Correct(FireRequest, frozen=True):
         """Return the event ``Corrected``."""
         count, least = len(self.points), _MIN_POINTS[self.shape]
         if count < least or (self.shape == "point" and count > 1):
-            raise RequestError(f"correct: a {self.shape} of {count} points; it requires {least}")
+            raise RequestError(f"correct: {count} points, but a {self.shape} requires {least}")
         if self.shape == "polygon":
             refuse_no_polygon("correct", self.points)
         marked_at_us = at_us + round(self.in_s * 1e6)
@@ -238,18 +238,20 @@ class Observe(FireRequest, frozen=True):
     source: Source = ""
     temperature_c: Annotated[
         Annotated[float, Meta(ge=100, le=2000)] | None,
-        Meta(description="Temperature of hot ground; from 320 degrees on it counts as burning."),
+        Meta(description="Temperature of hot ground; 320 degrees or more counts as burning."),
     ] = None
     missed_pct: Missed = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return the event ``FireObserved``."""
         if self.shape == "line" and len(self.points) < 2:
-            raise RequestError("observe: a line of 1 point; it requires 2")
+            raise RequestError("observe: 1 point, but a line requires 2")
         if self.shape == "polygon":
             refuse_no_polygon("observe", self.points)
         if (self.state == "hot") != (self.temperature_c is not None):
-            raise RequestError("observe: the state hot, and no other state, needs temperature_c")
+            raise RequestError(
+                'observe: the state "hot", and no other state, requires temperature_c'
+            )
         seen_at_us = at_us - round(self.age_s * 1e6)
         return events.FireObserved(
             *self.user(at_us),
@@ -310,10 +312,10 @@ class Raster(FireRequest, frozen=True):
             if len(row) != first:
                 raise RequestError(
                     f"raster: row {number} has {len(row)} letters and row 1 has {first}; all rows "
-                    "need the same number"
+                    "must have the same length"
                 )
         if not set("".join(self.rows)) - {"."}:
-            raise RequestError("raster: no cell was seen; give b or u for at least one cell")
+            raise RequestError("raster: no cell was seen; at least one cell must be b or u")
         if self.south_deg >= self.north_deg or self.west_deg >= self.east_deg:
             raise RequestError(
                 "raster: north_deg must exceed south_deg, and east_deg must exceed west_deg"
@@ -360,7 +362,7 @@ class Erase(FireRequest, frozen=True):
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return the event ``Erased``; raises RequestError for a radius of 0."""
         if self.radius_m == 0.0:
-            raise RequestError("erase: radius_m must be more than 0")
+            raise RequestError("erase: radius_m must be greater than 0")
         return super().event(at_us)
 
 
@@ -492,9 +494,9 @@ class Clear(Request, frozen=True):
         """Return the event ``ClearingOrdered``; raises RequestError for an impossible volume."""
         volume = self.volume.strip()
         if self.corners and not volume:
-            raise RequestError("clear: corners need a name: give volume")
+            raise RequestError("clear: corners require a name; add `volume`")
         if not self.corners and (self.floor_amsl_m, self.ceiling_amsl_m) != (None, None):
-            raise RequestError("clear: floor_amsl_m and ceiling_amsl_m need corners")
+            raise RequestError("clear: floor_amsl_m and ceiling_amsl_m require corners")
         if self.corners:
             _refuse_no_volume("clear", self.corners, self.floor_amsl_m, self.ceiling_amsl_m)
         return msgspec.structs.replace(super().event(at_us), volume=volume)
@@ -536,8 +538,8 @@ class OrderRequest(Request, frozen=True):
     confirmed: Annotated[
         bool,
         Meta(
-            description="Execute the order even if it ends a mode that autopilot or pilot "
-            "selected, or uses the energy for the flight home."
+            description="Execute the order even if it ends a mode that the autopilot or pilot "
+            "selected, or uses energy that is needed for the flight home."
         ),
     ] = False
 
@@ -587,7 +589,7 @@ class Takeoff(Request, frozen=True):
         Meta(
             max_length=200,
             pattern=PRINTED,
-            description="The reason to take off although checks fail; empty: no override. The "
+            description="Reason to take off although checks fail; empty: no override. The "
             "checks of position, estimator and airspace cannot be overridden.",
         ),
     ] = ""
@@ -635,7 +637,7 @@ class Refuse(MissionRequest, frozen=True):
 def _settings_event(request: Any, at_us: int) -> events.AnyOperatorEvent:
     if all(getattr(request, name) is None for name in events.TUNED):
         *others, last = events.TUNED
-        raise RequestError(f"settings: give {', '.join(others)} or {last}")
+        raise RequestError(f"settings: specify {', '.join(others)} or {last}")
     return Request.event(request, at_us)
 
 
@@ -695,11 +697,11 @@ def refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:
     import shapely
 
     if len(points) < 3:
-        raise RequestError(f"{do}: {len(points)} corners; a polygon requires 3")
+        raise RequestError(f"{do}: {len(points)} corners, but a polygon requires 3")
     polygon = shapely.Polygon([(lon, lat) for lat, lon in points])
     if not polygon.is_valid or polygon.area == 0.0:
         raise RequestError(
-            f"{do}: these corners form no polygon: its sides cross or it has no area"
+            f"{do}: these corners do not form a polygon: the sides cross, or there is no area"
         )
 
 

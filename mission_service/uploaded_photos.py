@@ -42,7 +42,7 @@ def photo_name(data: bytes) -> str:
     # Pillow raises many kinds of exceptions for damaged files.
     except Exception as error:
         words = " ".join(str(error).split())[:100] or type(error).__name__
-        raise PhotoError(f"the photo is damaged: {words}; take or export it again") from None
+        raise PhotoError(f"the photo is corrupt: {words}; take or export it again") from None
     return f"{hashlib.sha256(data).hexdigest()}.{extension}"
 
 
@@ -56,7 +56,8 @@ def store_photo(run: Path, data: bytes) -> str:
     folder.mkdir(exist_ok=True)
     stored_bytes = sum(each.stat().st_size for each in folder.iterdir())
     if stored_bytes + len(data) > MAX_PHOTOS_BYTES:
-        raise PhotoError(f"{folder}: the photos of the run have {stored_bytes / 1e9:.1f} GB; full")
+        gigabytes = f"{stored_bytes / 1e9:.1f} of {MAX_PHOTOS_BYTES / 1e9:g} GB"
+        raise PhotoError(f"{folder}: the photos of the run already use {gigabytes}")
     part = folder / f"{name}.part"
     part.write_bytes(data)
     part.replace(path)

@@ -51,7 +51,7 @@ def features_in(data: bytes, name: str) -> list[Drawn]:
     """
     if len(data) > LARGEST_BYTES:
         raise FireModelError(
-            f"{name}: {len(data)} bytes; {LARGEST_BYTES} at most are accepted: send only this "
+            f"{name}: has {len(data)} bytes; at most {LARGEST_BYTES} are accepted: send only this "
             "fire, or fewer vertices"
         )
     start = data.removeprefix(b"\xef\xbb\xbf").lstrip()[:4]
@@ -77,7 +77,8 @@ def features_in(data: bytes, name: str) -> list[Drawn]:
 def _check_count(count: int, most: int, what: str, name: str) -> None:
     if count > most:
         raise FireModelError(
-            f"{name}: {count} {what}; {most} at most are accepted: send only this fire, simplified"
+            f"{name}: has {count} {what}; at most {most} are accepted: send only this fire, "
+            "simplified"
         )
 
 
@@ -95,8 +96,8 @@ def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
                     continue
                 if member.flag_bits & 1 or member.compress_type not in (0, zipfile.ZIP_DEFLATED):
                     raise FireModelError(
-                        f"{name}: {inside} is encrypted or has an unusual compression; use a plain "
-                        "ZIP"
+                        f"{name}: {inside} is encrypted or uses an unsupported compression; use a "
+                        "plain ZIP"
                     )
                 # Sizes stated in an archive may be false: limit the bytes that are read.
                 with archive.open(member) as file:
@@ -130,7 +131,7 @@ def _from_archive(members: dict[str, bytes], name: str) -> list[Drawn]:
         others = ["doc.kml"]  # the root of a KMZ
     if len(shp) + len(others) != 1:
         raise FireModelError(
-            f"{name}: the archive contains {len(shp) + len(others)} files of shapes; zip one "
+            f"{name}: the archive contains {len(shp) + len(others)} vector files; zip exactly one "
             "Shapefile (.shp, .shx, .dbf, .prj), KML or GeoJSON"
         )
     if others:
@@ -208,7 +209,7 @@ def _geometry(geometry: Any, feature: str) -> BaseGeometry:
         return shapely.force_2d(shapely.from_geojson(json.dumps(geometry)))
     except (shapely.errors.ShapelyError, ValueError, TypeError, RecursionError) as error:
         raise FireModelError(
-            f"{feature} is not a geometry of GeoJSON ({_one_line(error)}); export it again"
+            f"{feature} is not a GeoJSON geometry ({_one_line(error)}); export it again"
         ) from None
 
 
@@ -266,7 +267,7 @@ def _check_xml(data: bytes, name: str) -> None:
         depth -= 1
 
     def has_type(*_: Any) -> None:
-        raise FireModelError(f"{name}: has a DOCTYPE, which KML does not have; export it again")
+        raise FireModelError(f"{name}: has a DOCTYPE, which KML does not allow; export it again")
 
     parser = expat.ParserCreate(namespace_separator="}")
     parser.StartElementHandler, parser.EndElementHandler = begins, ends
@@ -297,7 +298,9 @@ def _kml_shape(placemark: Any, where: str) -> BaseGeometry:
     for polygon in _all(placemark, "Polygon"):
         outer = _rings(polygon, "outerBoundaryIs", where)
         if len(outer) != 1:
-            raise FireModelError(f"{where} has a polygon of {len(outer)} outlines; draw it again")
+            raise FireModelError(
+                f"{where} has a polygon with {len(outer)} outer boundaries; draw it again"
+            )
         polygons.append(shapely.Polygon(outer[0], _rings(polygon, "innerBoundaryIs", where)))
     if polygons:
         return shapely.MultiPolygon(polygons)
@@ -308,7 +311,9 @@ def _kml_shape(placemark: Any, where: str) -> BaseGeometry:
                 each for below in _all(element, "coordinates") for each in _places(below, where)
             ]
             if len(places) < least:
-                raise FireModelError(f"{where} has a {tag} of {len(places)} places; draw it again")
+                raise FireModelError(
+                    f"{where} has a {tag} with {len(places)} points; draw it again"
+                )
             others.append(kind(places if least > 1 else places[0]))
     return shapely.GeometryCollection(others) if others else shapely.MultiPolygon()
 
@@ -321,7 +326,7 @@ def _rings(polygon: Any, side: str, where: str) -> list[list[tuple[float, float]
 def _ring(coordinates: Any, where: str) -> list[tuple[float, float]]:
     found = _places(coordinates, where)
     if len(found) < 3:
-        raise FireModelError(f"{where} has an outline of {len(found)} points; draw it again")
+        raise FireModelError(f"{where} has an outline with {len(found)} points; draw it again")
     return found
 
 

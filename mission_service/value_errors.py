@@ -20,12 +20,12 @@ Path = Sequence[str | int]
 MAX_SHOWN = 60  # maximum number of characters of a value
 REQUEST_KEY = "do"  # the kind of a request; this key is never missing or unknown
 UNKNOWN = object()  # stands for a value that is not shown
-WORDS = {pattern: words.removeprefix("give ") for pattern, words in PATTERNS.items()} | {
+WORDS = PATTERNS | {
     r"^[\w-]+$": "letters, digits, - and _",
     r"^[\w .@-]{1,40}$": "1 to 40 letters, digits, spaces and . @ - _",
 }
 FORMATS = {
-    "date-time": "a date and time, as in 2026-08-01T12:00:00-07:00",
+    "date-time": "a date and time, such as 2026-08-01T12:00:00-07:00",
     "path": "the path of a file",
     "file-path": "the path of a file",
 }
@@ -34,7 +34,7 @@ KINDS = {
     "object": "a table of keys and values",
     "number": "a number",
     "integer": "a whole number",
-    "string": "a text",
+    "string": "a string",
     "array": "a list",
 }
 _MISSING, _UNKNOWN_KEY = (
@@ -52,10 +52,10 @@ def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
             value.
 
     Returns:
-        One line without a type name: "speed_m_s: give a number from 0 to 150 (got -3)".
+        One line without a type name: "speed_m_s: must be a number from 0 to 150 (got -3)".
     """
     if isinstance(error, UnicodeError):
-        return "a text contains a character that is not valid Unicode; remove it"
+        return "a string contains a character that is not valid Unicode; remove it"
     problem, _, place = str(error).partition(" - at `$")
     path: list[str | int] = [
         int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]`]+", place)
@@ -66,7 +66,7 @@ def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
     if unknown := _UNKNOWN_KEY.match(problem):
         known = [name for name in keys_at(schema, path) if name != REQUEST_KEY]
         meant = did_you_mean(unknown[1], known)
-        return f"{_key([*path, unknown[1]])}: unknown key; give {', '.join(known)}{meant}"
+        return f"{_key([*path, unknown[1]])}: unknown key; the keys are {', '.join(known)}{meant}"
     found = schema_at(schema, path)
     if not place or found is None:
         return str(error)
@@ -76,7 +76,8 @@ def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
 def missing_key(path: Path, schema: Schema) -> str:
     """Return the text for a key that is missing."""
     found = schema_at(schema, path)
-    return f"{_key(path)}: is missing; {'give it' if found is None else remedy(found, schema)}"
+    words = "add it" if found is None else f"specify {_alternatives(found, schema)}"
+    return f"{_key(path)}: is missing; {words}"
 
 
 def schema_at(schema: Schema, path: Path) -> Schema | None:
@@ -121,13 +122,17 @@ def _resolved(part: Schema, whole: Schema) -> Schema:
 
 
 def remedy(part: Schema, whole: Schema) -> str:
-    """Return the values that a JSON schema allows, as advice: "give a number from 0 to 150".
+    """Return the values that a JSON schema allows: "must be a number from 0 to 150".
 
     Args:
         part: The schema of one value.
         whole: The schema with the definitions (``$defs``) to which ``part`` refers.
     """
-    return f"give {' or '.join(dict.fromkeys(_allowed(part, whole)))}"
+    return f"must be {_alternatives(part, whole)}"
+
+
+def _alternatives(part: Schema, whole: Schema) -> str:
+    return " or ".join(dict.fromkeys(_allowed(part, whole)))
 
 
 def _allowed(part: Schema, whole: Schema) -> list[str]:
@@ -142,7 +147,7 @@ def _allowed(part: Schema, whole: Schema) -> list[str]:
     if kind == "null":
         return []
     if kind == "string" and "pattern" in part:
-        words = WORDS.get(part["pattern"], f"a text that matches {part['pattern']}")
+        words = WORDS.get(part["pattern"], f"a string that matches {part['pattern']}")
         return [
             f"{words}, at most {part['maxLength']} characters" if "maxLength" in part else words
         ]

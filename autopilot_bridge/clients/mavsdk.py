@@ -49,7 +49,7 @@ from autopilot_bridge.vehicle.remote_id import RemoteIdMonitor, is_of_remote_id
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
 NOT_FOUND = "MAVSDK has not detected the vehicle"
-NOT_SUPPORTED = "MAVSDK supports only missions; use backend native"
+NOT_SUPPORTED = 'MAVSDK supports only missions; use backend = "native"'
 
 
 class MavsdkClient:
@@ -166,7 +166,7 @@ class MavsdkClient:
 
     def _connected_stack(self) -> Stack:
         if self.stack is None:
-            raise BridgeError("no autopilot is connected yet; wait for Connected")
+            raise BridgeError("no autopilot is connected yet; wait for the event Connected")
         return self.stack
 
     def _add(self, job: Job) -> int:

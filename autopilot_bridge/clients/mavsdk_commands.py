@@ -85,4 +85,4 @@ class MavsdkCommands:
         changed = await self._system.until(
             lambda: self._monitor.custom_mode == custom_mode, 2 * REPLY_TIMEOUT_S
         )
-        return changed, "accepted" if changed else "no heartbeat shows the mode"
+        return changed, "accepted" if changed else "no HEARTBEAT reported the new mode"

@@ -88,7 +88,10 @@ class MavsdkTransfers:
         )
         if not idle:
             # MAVSDK would truncate the list and report success, and the vehicle would fly on.
-            reason = "the vehicle flies its mission and would continue without it; hold first"
+            reason = (
+                "the vehicle is flying its mission and would continue without it; command a hold "
+                "first"
+            )
             return TransferResult("rejected", reason, holds="the old one")
         verdict = await self._send_request(self._system.missions.clear_mission())
         read, reason = await self._read()
@@ -135,7 +138,9 @@ class MavsdkTransfers:
             words = f"the mission is on board, but the vehicle did not start it: {started.reason}"
             return replace(ended, outcome=started.outcome, reason=words, code=None)
         if paused and len(self._commands.overrides) > overrides:
-            words = f"accepted; {self._commands.overrides[-1]}, and its mode was not changed"
+            words = (
+                f"accepted; {self._commands.overrides[-1]}, so the upload left the mode unchanged"
+            )
             return replace(ended, reason=words)
         if paused:
             resumed, reason = await self._commands.change_mode(

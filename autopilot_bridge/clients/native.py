@@ -220,7 +220,7 @@ class NativeClient:
 
     def _connected_stack(self) -> Stack:
         if self.stack is None:
-            raise BridgeError("no autopilot is connected yet; wait for Connected")
+            raise BridgeError("no autopilot is connected yet; wait for the event Connected")
         return self.stack
 
     # Data, events and timers --------------------------------------------------------------------
@@ -371,7 +371,7 @@ class NativeClient:
             if isinstance(event, ModeChanged):
                 self._mode_changed(mode, armed, now_us)
         if monitor.critical and not critical:
-            self._jobs.mode_overridden("its autopilot went into failsafe meanwhile")
+            self._jobs.mode_overridden("the autopilot entered failsafe in the meantime")
         if not monitor.used:
             return
         self._drops.receive(message, now_us)
@@ -395,7 +395,9 @@ class NativeClient:
                 self._send(*self._jobs.cancel_missions(stack, why, now_us))
             self._send(*self._commands.release_mode(why, now_us))
         elif was_armed and not self.armed:
-            self._send(*self._commands.release_mode("it was disarmed meanwhile", now_us))
+            self._send(
+                *self._commands.release_mode("the vehicle was disarmed in the meantime", now_us)
+            )
 
     def _target(self) -> tuple[int, int]:
         return self._target_system or 0, AUTOPILOT

@@ -39,7 +39,9 @@ def parse_link(text: str) -> LinkAddress | SerialAddress:
     host_or_device, _, number = rest.rpartition(":")
     if kind not in (*_OTHER_END, "serial"):
         kinds = ", ".join(_OTHER_END)
-        raise BridgeError(f"link {text!r}: begin with {kinds} or serial, as in udpin:HOST:PORT")
+        raise BridgeError(
+            f"link {text!r}: must begin with {kinds} or serial, as in udpin:HOST:PORT"
+        )
     form = "serial:DEVICE:BAUD" if kind == "serial" else f"{kind}:HOST:PORT"
     if not host_or_device or not (number.isascii() and number.isdigit()):
         raise BridgeError(f"link {text!r}: write it as {form}")

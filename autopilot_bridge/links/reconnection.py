@@ -51,8 +51,8 @@ class ReconnectingStream:
             except OSError as error:
                 raise BridgeError(
                     f"link {self._address}: cannot be opened ({reason_of(error)}); check that the "
-                    "device is connected, that you may read and write it, and that no other "
-                    "program uses it"
+                    "device is connected, that you have permission to read and write it, and "
+                    "that no other program uses it"
                 ) from None
         self._task = asyncio.create_task(self._stay_connected())
         self._task.add_done_callback(self._ended)

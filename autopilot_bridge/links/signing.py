@@ -82,19 +82,19 @@ def key_of(text: str) -> Key:
         try:
             secret = bytes.fromhex(rest) if kind == "hex" else base64.b64decode(rest, validate=True)
         except (ValueError, binascii.Error):
-            raise BridgeError(f"signing key: the text after {kind}: is not {kind}") from None
+            raise BridgeError(f"signing key: the text after {kind}: is not valid {kind}") from None
     elif len(text) == 64 and all(letter in "0123456789abcdefABCDEF" for letter in text):
         secret = bytes.fromhex(text)
     elif text:
         secret = hashlib.sha256(text.encode()).digest()
     else:
         raise BridgeError(
-            "signing key: the text is empty; give a passphrase, or hex: and 64 digits"
+            "signing key: the text is empty; use a passphrase, or hex: followed by 64 digits"
         )
     if len(secret) != 32:
-        raise BridgeError(f"signing key: it has {len(secret)} bytes; give 32 bytes")
+        raise BridgeError(f"signing key: has {len(secret)} bytes, but must have 32")
     if not any(secret):
-        raise BridgeError("signing key: a key of zeros turns signing off; use another key")
+        raise BridgeError("signing key: a key of zeros disables signing; use another key")
     return Key(secret)
 
 
@@ -112,7 +112,7 @@ def held(source: str, what: str) -> str:
     if kind == "env":
         text = os.environ.get(name)
         if text is None:
-            raise BridgeError(f"{what}: the environment has no variable {name}")
+            raise BridgeError(f"{what}: the environment variable {name} is not set")
     elif kind == "file":
         try:
             text = Path(name).expanduser().read_text(encoding="utf-8")
@@ -121,7 +121,7 @@ def held(source: str, what: str) -> str:
         except UnicodeDecodeError:
             raise BridgeError(f"{what}: {name}: is not a text file") from None
     else:
-        raise BridgeError(f"{what}: give its location as file:PATH or env:NAME")
+        raise BridgeError(f"{what}: specify it as file:PATH or env:NAME")
     return text.partition("\n")[0].rstrip("\r")
 
 
@@ -131,7 +131,7 @@ def key_warning(source: str, what: str = "signing key") -> str | None:
     if kind != "file" or os.name != "posix":
         return None
     if stat.S_IMODE(Path(name).expanduser().stat().st_mode) & 0o077:
-        return f"{what}: {name} can be read by others on this machine; chmod 600 {name}"
+        return f"{what}: {name} is readable by other users of this machine; run chmod 600 {name}"
     return None
 
 
@@ -169,8 +169,8 @@ class Timestamps:
         self._last = self._reserved = 0 if file is None else _stored(file)
         if self._last == 0 and ticks_of(wall_us()) == 0:
             raise BridgeError(
-                "signing: the clock is before 2015; set the clock, because receivers reject such "
-                "frames"
+                "signing: the clock is set to a time before 2015; correct it, because receivers "
+                "reject such frames"
             )
 
     def next(self) -> int:
@@ -208,7 +208,7 @@ def _stored(file: Path) -> int:
         return 0
     except (OSError, ValueError):
         raise BridgeError(
-            f"signing: {file}: contains no timestamp; if the clock is right, remove the file"
+            f"signing: {file}: contains no timestamp; if the clock is correct, delete the file"
         ) from None
 
 

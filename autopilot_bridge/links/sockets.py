@@ -30,8 +30,8 @@ def bind(sock: socket.socket, address: LinkAddress, where: tuple[str, int]) -> N
     except (OSError, UnicodeError) as error:
         sock.close()
         raise BridgeError(
-            f"link {address}: cannot listen on it ({reason_of(error)}); "
-            "is another program using the port?"
+            f"link {address}: cannot listen on this address ({reason_of(error)}); is another "
+            "program using the port?"
         ) from None
 
 

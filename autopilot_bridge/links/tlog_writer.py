@@ -29,7 +29,7 @@ class Tlog:
         try:
             self._file = open(path, "ab", buffering=0, opener=_private)  # noqa: SIM115
         except OSError as error:
-            raise BridgeError(f"{path}: cannot be recorded to: {error.strerror}") from None
+            raise BridgeError(f"{path}: cannot be written: {error.strerror}") from None
 
     def record(self, frames: list[bytes], link: int = 0) -> None:
         """Append frames that were just sent or received over a link.
@@ -41,9 +41,9 @@ class Tlog:
         try:
             written = self._file.write(data)
         except OSError as error:
-            raise BridgeError(f"{self._path}: cannot be recorded to: {error.strerror}") from None
+            raise BridgeError(f"{self._path}: cannot be written: {error.strerror}") from None
         if written != len(data):
-            raise BridgeError(f"{self._path}: cannot be recorded to: the disk is full")
+            raise BridgeError(f"{self._path}: cannot be written: the disk is full")
 
     def __enter__(self) -> Self:
         return self

@@ -43,7 +43,7 @@ def open_log(path: Path) -> Log:
             return DataFlashLog(path)
         case ".ulg":
             return UlogLog(path)
-    raise BridgeError(f"{path}: not a supported log: {', '.join(SUFFIXES)}")
+    raise BridgeError(f"{path}: not a supported log; supported are {', '.join(SUFFIXES)}")
 
 
 class MergedEntry(NamedTuple):

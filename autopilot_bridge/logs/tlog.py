@@ -46,7 +46,7 @@ from autopilot_bridge.vehicle.telemetry import MESSAGES
 STAMP_BYTES = 8
 LONGEST_BYTES = STAMP_BYTES + 280
 LINK_BITS = 3
-NO_RECORD = "not a record of a time and a MAVLink frame"
+NO_RECORD = "not a timestamp followed by a MAVLink frame"
 MISSION_FILE = PATHS[mavlink.MAV_MISSION_TYPE_MISSION]
 MAX_FILE_BYTES = 4_000_000
 POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT

@@ -78,29 +78,29 @@ def _bad_item(index: int, item: MissionItem, stack: Stack, rules: Rules) -> Iter
         reason = "the item is stored, and then the whole mission is rejected"
         yield problem("refused", index, item, "command", reason, instead)
     if item.command in rules.not_run:
-        reason = f"an {stack.name} {stack.kind} stores it and skips it in flight"
+        reason = f"{stack.name} stores it, but a {stack.kind} skips it in flight"
         yield problem("dropped", index, item, "command", reason, instead)
     with_position = takes_position(item, rules)
     if with_position:
         yield from bad_place(index, item, rules)
     elif rules.bare_frame not in (None, item.frame) or item.command not in rules.bare:
-        reason, remedy = "without a position it needs frame 2", "give MAV_FRAME_MISSION"
+        reason, remedy = "without a position it needs frame 2", "use MAV_FRAME_MISSION"
         if item.command not in rules.bare:
-            reason, remedy = "it needs a position", "give a global frame and a position"
+            reason, remedy = "it needs a position", "use a global frame and a position"
         yield problem("refused", index, item, "frame", reason, remedy)
     yield from _bad_params(index, item, rules)
     allowed = rules.allowed.get((item.command, with_position))
     if allowed is not None and item.param1 not in allowed:
         shown = ", ".join(f"{value:g}" for value in allowed)
-        yield problem("refused", index, item, "param1", "it is not accepted", f"give {shown}")
+        yield problem("refused", index, item, "param1", "it is not accepted", f"use {shown}")
     takeoff_low = rules.accepts_bad_numbers and item.frame in (3, 6) and item.z <= 0.0
     if takeoff_low and item.command in TAKEOFFS:
-        reason = "the whole mission is rejected for a takeoff to home's altitude or below"
-        yield problem("refused", index, item, "z", reason, "give an altitude above home")
+        reason = "a takeoff to the home altitude or below causes the whole mission to be rejected"
+        yield problem("refused", index, item, "z", reason, "use an altitude above home")
     climbs_by_z = stack.vtol and stack.name == "ardupilot" and item.command in TAKEOFFS
     if climbs_by_z and item.frame not in (3, 6):
         reason = "a quadplane climbs vertically by z above its position, in every frame"
-        yield problem("dangerous", index, item, "frame", reason, "give frame 3 and a height")
+        yield problem("dangerous", index, item, "frame", reason, "use frame 3 and a height")
 
 
 def _bad_params(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]:
@@ -112,7 +112,7 @@ def _bad_params(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem
             yield problem(kind, index, item, field, "it is infinite", "give a number")
         elif math.isnan(value):
             if nan_ok is not None and number not in nan_ok:
-                remedy = "give a number; 0 is the default of most params"
+                remedy = "specify a number; 0 is the default of most params"
                 yield problem("refused", index, item, field, "it is not a number", remedy)
         elif (item.command, field) != (_JUMP, "param1"):  # see _bad_jumps
             yield from _changed(index, item, field, word, value)
@@ -133,14 +133,14 @@ def _changed(
     kept = kept_param(word, value)
     if maximum is not None and not minimum - 1 < value < maximum + (0.01 if word == "cm16" else 1):
         reason = f"it overflows and becomes {kept:g}"
-        remedy = f"give a number from {minimum:g} to {maximum:g}"
+        remedy = f"use a number from {minimum:g} to {maximum:g}"
         yield problem("dangerous", index, item, field, reason, remedy)
     elif word == "sign":
         if abs(value) not in (0.0, 1.0):
             reason = "only the direction is stored; the autopilot uses its default radius"
-            yield problem("changed", index, item, field, reason, "give 1 or -1")
+            yield problem("changed", index, item, field, reason, "use 1 or -1")
     elif word not in _QUIET and abs(kept - value) > 1e-6 * max(1.0, abs(value)):
-        reason, remedy = f"it becomes {kept:g}", f"give {kept:g}"
+        reason, remedy = f"it becomes {kept:g}", f"use {kept:g}"
         yield problem("changed", index, item, field, reason, remedy)
 
 
@@ -149,7 +149,7 @@ def _bad_jumps(items: Sequence[MissionItem]) -> Iterator[Problem]:
         whole = math.isfinite(item.param1) and item.param1 == math.trunc(item.param1)
         if item.command == _JUMP and not (whole and 0 <= item.param1 < len(items)):
             reason = "no item has this index; the jump is accepted, but the mission fails"
-            remedy = f"give an index from 0 to {len(items) - 1}"
+            remedy = f"use an index from 0 to {len(items) - 1}"
             yield problem("dangerous", index, item, "param1", reason, remedy)
 
 
@@ -188,7 +188,7 @@ def _never_reached(items: Sequence[MissionItem], rules: Rules) -> Iterator[Probl
 def _too_long(items: Sequence[MissionItem], stack: Stack) -> Iterator[Problem]:
     maximum = stack.max_items - int(stack.item_0_is_home)
     if len(items) > maximum:
-        reason = f"the autopilot stores {maximum} items at most"
+        reason = f"the autopilot stores at most {maximum} items"
         yield Problem("refused", None, "", "count", len(items), reason, "send fewer")
 
 

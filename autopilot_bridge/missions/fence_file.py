@@ -47,7 +47,7 @@ def fence_of(fence: Any) -> Items:
     if fence.get("version") != 2:
         if fence.get("polygon"):
             raise ValueError(
-                f"geoFence has version {fence.get('version')}; only 2 can be read: "
+                f"geoFence has version {fence.get('version')}, but only version 2 can be read; "
                 "save the file again in QGroundControl"
             )
         return ()
@@ -104,8 +104,8 @@ def fence_json(fence: Items) -> dict[str, Any]:
             same_kind = all((b.command, b.param1) == (item.command, item.param1) for _, b in others)
             if not same_kind or len(others) != count - 1:
                 raise ValueError(
-                    f"fence item {index} is a vertex of {item.param1:g}, but the list does not "
-                    "contain so many of its kind in sequence"
+                    f"fence item {index} is one of {item.param1:g} vertices, but the list does "
+                    "not contain that many consecutive vertices of its kind"
                 )
             vertices = [place, *(_place(at, other, "fence") for at, other in others)]
             inclusion = bool(POLYGONS.index(item.command))
@@ -125,8 +125,8 @@ def fence_json(fence: Items) -> dict[str, Any]:
 
 def _not_relative(name: str, item: MissionItem) -> str:
     return (
-        f"{name} has frame {item.frame}; its altitude in a .plan file is above home "
-        f"(frame {RELATIVE_FRAMES[0]} or {RELATIVE_FRAMES[1]})"
+        f"{name} has frame {item.frame}, but altitudes in a .plan file are above home (frame "
+        f"{RELATIVE_FRAMES[0]} or {RELATIVE_FRAMES[1]})"
     )
 
 

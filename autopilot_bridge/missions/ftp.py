@@ -235,7 +235,9 @@ class _FtpTransfer:
             # The session is no longer ours: closing it could abort another station's transfer.
             self.result = self._aborted(f"the autopilot closed the file: {words}")
         else:
-            return self._close(f"the autopilot rejected byte {request.offset}: {words}", now_us)
+            return self._close(
+                f"the autopilot rejected the request at byte {request.offset}: {words}", now_us
+            )
         return []
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
@@ -329,13 +331,13 @@ class FtpUpload(_FtpTransfer):
         if closed:
             return TransferResult("accepted", "written and closed", items=self.items)
         return TransferResult(
-            "unknown", "all data was written, but the closing was not acknowledged"
+            "unknown", "all data was written, but the closing of the file was not acknowledged"
         )
 
     def _aborted(self, reason: str) -> TransferResult:
         if self._waiting:
             return TransferResult("failed", reason)
-        return TransferResult("unknown", f"all data was sent, then {reason}")
+        return TransferResult("unknown", f"all data was sent, but then {reason}")
 
 
 class FtpDownload(_FtpTransfer):
@@ -371,7 +373,7 @@ class FtpDownload(_FtpTransfer):
         if self._address.mission_type == MISSION:
             items = tuple(with_unheld(item) for item in items)
         if fault := list_out_of_bounds(items):
-            return TransferResult("failed", f"implausible value in the file: {fault}")
+            return TransferResult("failed", f"the file contains an implausible value: {fault}")
         return TransferResult("accepted", f"{len(items)} items", items=items)
 
     def _aborted(self, reason: str) -> TransferResult:

@@ -21,7 +21,7 @@ ERRORS = {
     FAIL_ERRNO: "its file system failed",
     INVALID_SIZE: "the size of a message is not valid",
     INVALID_SESSION: "another session is open",
-    NO_SESSIONS: "no session is free",
+    NO_SESSIONS: "all sessions are in use",
     END_OF_FILE: "the offset is beyond the end of the file",
     UNKNOWN_COMMAND: "it does not support the request",
     FILE_EXISTS: "the file exists",

@@ -48,7 +48,7 @@ def first_bad_item(items: Sequence[MissionItem], max_items: int) -> tuple[int, s
     """
     for seq, item in enumerate(items):
         if seq >= max_items:
-            return seq, f"the autopilot stores {max_items} items at most"
+            return seq, f"the autopilot stores at most {max_items} items"
         if defect := _defect(item, len(items)):
             return seq, defect
     return None
@@ -57,7 +57,7 @@ def first_bad_item(items: Sequence[MissionItem], max_items: int) -> tuple[int, s
 def _defect(item: MissionItem, count: int) -> str | None:
     place = item.command in _WITH_PLACE
     if not place and item.command not in _WITHOUT_PLACE:
-        return f"command {item.command} is not supported in a file"
+        return f"command {item.command} is not supported in mission files"
     params = (item.param1, item.param2, item.param3, item.param4)
     for number, value in enumerate(params, start=1):
         yaw = number == 4 and item.command in _YAW_MAY_BE_NAN and math.isnan(value)
@@ -66,7 +66,7 @@ def _defect(item: MissionItem, count: int) -> str | None:
     if not math.isfinite(item.z):
         return f"the altitude is {item.z}"
     if item.command == mavlink.MAV_CMD_DO_JUMP and not 0 < item.param1 < count:
-        return f"the jump leads to item {item.param1:g} of {count}"
+        return f"the jump target is item {item.param1:g}, but must be from 1 to {count - 1}"
     if not place:
         return None
     if abs(item.x) > 900_000_000 or abs(item.y) > 1_800_000_000:
@@ -81,7 +81,7 @@ def encode_mission_file(
 ) -> bytes:
     """Return the file that replaces a whole list. Raises BridgeError if an item does not fit."""
     if len(items) > MAX_ITEMS:
-        raise BridgeError(f"mission file: {len(items)} items, the maximum is {MAX_ITEMS}")
+        raise BridgeError(f"mission file: {len(items)} items; the maximum is {MAX_ITEMS}")
     parts = [HEADER.pack(MAGIC, mission_type, 0, 0, len(items))]
     for seq, item in enumerate(items):
         params = (item.param1, item.param2, item.param3, item.param4)
@@ -89,7 +89,7 @@ def encode_mission_file(
         try:
             parts.append(ITEM.pack(*params, item.x, item.y, item.z, *numbers))
         except (struct.error, OverflowError) as error:
-            raise BridgeError(f"mission file: item {seq} does not fit: {error}") from None
+            raise BridgeError(f"mission file: item {seq} cannot be encoded: {error}") from None
     return b"".join(parts)
 
 
@@ -97,7 +97,8 @@ def file_length(start: bytes, mission_type: int) -> int:
     """Return the length that a file's header states. Raises BridgeError for a damaged header."""
     if len(start) < HEADER.size:
         raise BridgeError(
-            f"mission file: {len(start)} bytes, but the header has {HEADER.size}; read it again"
+            f"mission file: {len(start)} bytes, but the header alone has {HEADER.size}; read the "
+            "file again"
         )
     magic, kind, options, first, count = HEADER.unpack_from(start)
     if magic != MAGIC:
@@ -106,7 +107,7 @@ def file_length(start: bytes, mission_type: int) -> int:
         raise BridgeError(f"mission file: has mission type {kind} instead of {mission_type}")
     if options or first:
         raise BridgeError(
-            f"mission file: options {options} and start {first}; only whole lists can be read"
+            f"mission file: options {options} and start {first}; only complete lists can be read"
         )
     return HEADER.size + int(count) * ITEM.size
 
@@ -116,7 +117,8 @@ def decode_mission_file(data: bytes, mission_type: int) -> tuple[MissionItem, ..
     length = file_length(data, mission_type)
     if len(data) != length:
         raise BridgeError(
-            f"mission file: {len(data)} bytes, but the header requires {length}; read it again"
+            f"mission file: {len(data)} bytes, but the header requires {length}; read the file "
+            "again"
         )
     return tuple(
         _item(data, seq, mission_type) for seq in range((length - HEADER.size) // ITEM.size)

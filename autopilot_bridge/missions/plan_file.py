@@ -66,7 +66,7 @@ def write_any(path: Path | str, plan: Plan, stack: Stack | None) -> None:
     path = Path(path)
     if path.suffix.lower() not in (PLAN_SUFFIX, *WPL_SUFFIXES):
         raise BridgeError(
-            f"{path}: the suffix does not select a format: give {PLAN_SUFFIX}, "
+            f"{path}: the suffix does not select a format; use {PLAN_SUFFIX}, "
             f"{' or '.join(WPL_SUFFIXES)}"
         )
     if path.suffix.lower() in WPL_SUFFIXES:
@@ -140,7 +140,8 @@ def _parse(path: Path, text: str) -> Plan:
     if (content.get("version"), mission.get("version")) != (1, 2):
         raise BridgeError(
             f"{path}: plan version {content.get('version')}, mission version "
-            f"{mission.get('version')}; only 1 and 2 can be read: save it again in QGroundControl"
+            f"{mission.get('version')}; these must be 1 and 2: save the file again in "
+            "QGroundControl"
         )
     try:
         return Plan(
@@ -164,7 +165,7 @@ def _json(path: Path, text: str) -> dict[str, Any]:
 
 
 def _no_number(word: str) -> float:
-    raise ValueError(f"{word} is not JSON")
+    raise ValueError(f"{word} is not valid JSON")
 
 
 def _home(value: Any) -> tuple[float, float, float] | None:
@@ -190,7 +191,7 @@ def _jump(index: int, item: MissionItem, ids: dict[str, int]) -> MissionItem:
     target = ids.get(f"{item.param1:g}")
     if target is None:
         raise ValueError(
-            f"item {index} jumps to doJumpId {item.param1:g}, which no item has; give another "
+            f"item {index} jumps to doJumpId {item.param1:g}, which no item has; choose another "
             "target"
         )
     return replace(item, param1=float(target))
@@ -205,7 +206,7 @@ def _numbered_item(index: int, entry: Any) -> MissionItem:
 
 def _item(entry: Any) -> MissionItem:
     if not isinstance(entry, dict):
-        raise ValueError("is damaged: not an object")
+        raise ValueError("is not a JSON object")
     if entry.get("type") != "SimpleItem":
         kind = entry.get("complexItemType")
         shown = f"{entry.get('type')} ({kind})" if kind else entry.get("type")
@@ -224,4 +225,4 @@ def _item(entry: Any) -> MissionItem:
             raise ValueError("autoContinue is not true or false")
         return item_of_params(command, frame, params, int(autocontinue))
     except ValueError as error:
-        raise ValueError(f"is damaged: {error}") from None
+        raise ValueError(f"is invalid: {error}") from None

@@ -7,7 +7,7 @@ from typing import Any
 def number(value: Any, name: str) -> float:
     """Return a value of a JSON file as a finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e308:
-        raise ValueError(f"{name} has {repr(value)[:40]} where a number is needed")
+        raise ValueError(f"{name} is {repr(value)[:40]}, not a number")
     return float(value)
 
 

@@ -49,7 +49,7 @@ def parse(path: Path, text: str) -> Plan:
 def _item(line: str, index: int) -> MissionItem:
     words = line.split()
     if len(words) != 12:
-        raise ValueError(f"{len(words)} values where 12 are needed")
+        raise ValueError(f"{len(words)} values instead of 12")
     if words[0] != str(index):
         raise ValueError(f"the item has number {words[0]} instead of {index}; renumber the items")
     params = [float(word) for word in words[4:11]]
@@ -65,7 +65,8 @@ def _home(path: Path, item: MissionItem) -> tuple[float, float, float] | None:
     if item.command not in (0, mavlink.MAV_CMD_NAV_WAYPOINT) or item.frame not in AMSL_FRAMES:
         raise BridgeError(
             f"{path}: item 0 is a {command_name(item.command)} in frame {item.frame}, but in QGC "
-            "WPL 110 it is the home position (WAYPOINT in frame 0): add it, or write QGC WPL 120"
+            "WPL 110 it is the home position (WAYPOINT in frame 0); add it, or save the file as "
+            "QGC WPL 120"
         )
     home = (item.x / 1e7, item.y / 1e7, item.z)
     return home if any(home) else None

@@ -128,7 +128,7 @@ class MockAutopilot:
     def replace_battery(self) -> None:
         """Replace the battery with a full one. Raises RuntimeError while the vehicle is armed."""
         if self.flight.armed or self.flight.airborne:
-            raise RuntimeError("a battery is replaced on the ground, while the vehicle is disarmed")
+            raise RuntimeError("the battery can be replaced only on the ground and while disarmed")
         self.flight.battery.replace()
 
     def breach_fence(self, breached: bool) -> None:

@@ -73,13 +73,13 @@ def parse_faults(texts: Sequence[str]) -> Faults:
         elif name == "silent-after":
             faults.silent_after = _whole(text, value, "MESSAGES", 0, 10**9)
         elif name in ("loss", "duplication"):
-            setattr(faults, name, _number(text, value, "a share from 0 to 1", maximum=1.0))
+            setattr(faults, name, _number(text, value, "a fraction from 0 to 1", maximum=1.0))
         elif name in _SECONDS:
             setattr(faults, _SECONDS[name], _number(text, value, "seconds"))
         elif name in _SPANS:
             start, _, end = value.partition("..")
             start_s = _number(text, start, "FROM..TO")
-            end_s = _number(text, end, "FROM..TO, TO after FROM", start_s) if end else math.inf
+            end_s = _number(text, end, "FROM..TO with TO after FROM", start_s) if end else math.inf
             getattr(faults, name.replace("-", "_")).append((start_s, end_s))
         elif name in _TIMES:
             getattr(faults, name.replace("-", "_")).append(_number(text, value, "seconds"))
@@ -94,14 +94,14 @@ def _number(text: str, value: str, form: str, minimum: float = 0.0, maximum: flo
     except ValueError:
         number = math.nan
     if not minimum <= number <= maximum:
-        raise BridgeError(f"--fault {text!r}: {value!r} is not valid, give {form}")
+        raise BridgeError(f"--fault {text!r}: {value!r} is not valid; use {form}")
     return number
 
 
 def _whole(text: str, value: str, form: str, minimum: int, maximum: int) -> int:
     if not (value.isascii() and value.isdigit() and minimum <= int(value) <= maximum):
         raise BridgeError(
-            f"--fault {text!r}: {value!r} is not valid, give {form}, "
-            f"a whole number from {minimum} to {maximum}"
+            f"--fault {text!r}: {value!r} is not valid; use {form}, a whole number from {minimum} "
+            f"to {maximum}"
         )
     return int(value)

@@ -193,7 +193,7 @@ INSTEAD: dict[tuple[str, int], str] = {
     ("px4", 18): "use NAV_LOITER_TIME, or NAV_LOITER_UNLIM at the end",
     ("px4", 82): "use NAV_WAYPOINT",
     ("px4", 112): "use NAV_DELAY",
-    ("px4", 114): "put a waypoint at the place of the action",
+    ("px4", 114): "add a waypoint at the location of the action",
     ("px4", 181): "use DO_GRIPPER, or DO_SET_ACTUATOR for an output configured for it",
     ("px4", 183): "use DO_GRIPPER, or DO_SET_ACTUATOR for an output configured for it",
     ("px4", 216): "use DO_SET_ACTUATOR for an output configured for it",

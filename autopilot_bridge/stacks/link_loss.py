@@ -174,7 +174,7 @@ _LONG_ACTIONS: dict[int, Action] = {
 _PX4_FENCE = dict(
     enumerate(("no reaction", "warning", "hold", "return", "flight termination", "land"))
 )
-_PLANE_FENCE = {0: "report", 1: "return", 6: "guided", 7: "guided, throttle of the pilot"}
+_PLANE_FENCE = {0: "report", 1: "return", 6: "guided", 7: "guided, with the pilot's throttle"}
 _COPTER_FENCE = dict(
     enumerate(("report", "return or land", "land", "SmartRTL", "brake or land", "SmartRTL"))
 )
@@ -208,7 +208,10 @@ def link_loss_of(stack: Stack, values: Values, station_id: int = STATION_ID) -> 
     """
     absent = missing(stack, values)
     if absent:
-        raise BridgeError(f"the reaction to a lost link needs the values of {', '.join(absent)}")
+        raise BridgeError(
+            "the reaction to a lost link cannot be determined without the values of "
+            f"{', '.join(absent)}"
+        )
     height_m = return_height_m(stack, values)
     if stack.name == "px4":
         return _px4(values, height_m)
@@ -230,7 +233,7 @@ def changes_for(
     if wanted not in table.settings:
         known = ", ".join(table.settings)
         raise BridgeError(
-            f"{stack.name} {stack.kind} cannot {wanted} after a lost link; it can: {known}"
+            f"{stack.name} {stack.kind} cannot {wanted} after a lost link; supported: {known}"
         )
     if link_loss_of(stack, values, station_id).satisfies(wanted):
         return ()
@@ -348,8 +351,8 @@ def _ardupilot(
     if monitored != station_id and any(reactions.values()):
         reactions = dict.fromkeys(PHASES, ())
         warnings.append(
-            f"SYSID_MYGCS = {monitored}: it does not monitor the heartbeats of this station, "
-            f"which has the system id {station_id}"
+            f"SYSID_MYGCS = {monitored}: the autopilot does not monitor the heartbeats of this "
+            f"station, whose system id is {station_id}"
         )
     fence = "unknown"
     if values.get("FENCE_ENABLE") == 0.0:

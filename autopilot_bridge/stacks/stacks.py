@@ -186,7 +186,7 @@ def stack_named(name: str, vehicle: str) -> Stack:
         if (stack.name, stack.kind) == (name, vehicle):
             return stack
     raise BridgeError(
-        f"unknown stack {name} {vehicle}: give px4 or ardupilot, and plane, vtol or copter"
+        f"unknown stack {name} {vehicle}; use px4 or ardupilot, and plane, vtol or copter"
     )
 
 

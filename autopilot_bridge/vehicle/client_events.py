@@ -305,8 +305,8 @@ class SameSystemId:
     def __str__(self) -> str:
         return (
             f"{self.kept} and {self.left_out} both send with this system id; the messages of "
-            f"{self.left_out} are discarded: give it another system id or a separate link, "
-            "or sign the link if it is forged"
+            f"{self.left_out} are discarded: assign it another system id or a separate link, or "
+            "sign the link if it is forged"
         )
 
 

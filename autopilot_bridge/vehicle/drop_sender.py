@@ -85,7 +85,7 @@ class DropSender:
             return self._last_id, []
         if last is not None and not last.resets:
             ago_s = (now_us - last.released_us) / 1e6
-            reason = f"late: the dropper was set {ago_s:.2f} s ago and is not reset yet"
+            reason = f"late: the dropper was triggered {ago_s:.2f} s ago and has not been reset yet"
             self._finish(self._last_id, "refused", reason, now_us)
             return self._last_id, []
         component = FIRST_COMPONENT + 2 * (self._last_id % PULSES_APART)

@@ -194,7 +194,7 @@ class MissionActivation(Exchange):
         self._tries += 1
         if self._tries > TRIES:
             missing = "no MISSION_CURRENT" if self._last_seq is None else "no message"
-            self.result = TransferResult("failed", f"{missing} arrived that proves the start")
+            self.result = TransferResult("failed", f"{missing} confirmed the start")
             return []
         if self._needs_command and self._last_seq is not None:
             return self._send_request(now_us)

@@ -17,7 +17,7 @@ from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, re
 
 def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
     """Return the reason for ending an operation after the autopilot or a pilot changed the mode."""
-    return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
+    return f"the autopilot changed to {stack.mode_name(custom_mode)} in the meantime"
 
 
 class ModeChange(Exchange):
@@ -55,7 +55,7 @@ class ModeChange(Exchange):
         refused = kind == "COMMAND_ACK" and message.result not in TAKEN
         if refused and message.command == self._step.command and self._tries:
             words = result_words(message.result)
-            self.result = TransferResult("rejected", f"the change of mode {words}")
+            self.result = TransferResult("rejected", f"the mode change: {words}")
         return []
 
     def _heartbeat(self, custom_mode: int, now_us: int) -> list[Message]:
@@ -79,5 +79,5 @@ class ModeChange(Exchange):
     def handle_timer(self, now_us: int) -> list[Message]:
         """End the change as failed after the timeout."""
         if self.result is None and now_us >= self._deadline_us:
-            self.result = TransferResult("failed", "no HEARTBEAT showed the new mode")
+            self.result = TransferResult("failed", "no HEARTBEAT reported the new mode")
         return []

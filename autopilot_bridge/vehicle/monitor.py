@@ -35,7 +35,7 @@ ALARM_ENDS_US = 10_000_000  # the alarm ends this long after the last message th
 # After the time since boot has jumped back, a restart is suspected for this long. A restart is
 # detected within half this time.
 UNDECIDED_US = 2_000_000
-NOT_USED = "the message is not used"
+NOT_USED = "the message is ignored"
 
 
 class VehicleMonitor:
@@ -150,7 +150,7 @@ class VehicleMonitor:
             if not ahead_us:
                 return []
         self._backward_jump_us = 0
-        jump = f"{abs(ahead_us) / 1e6:.0f} s {'ahead' if ahead_us > 0 else 'back'}"
+        jump = f"{'ahead' if ahead_us > 0 else 'back'} by {abs(ahead_us) / 1e6:.0f} s"
         if verdict in ("kept", "ahead"):
             words = f"its time since boot jumped {jump}; {NOT_USED}"
             return self._alarm("clock", words, now_us)
@@ -161,7 +161,10 @@ class VehicleMonitor:
             self._restarted = True
             self._settled = None if self._estimate_healthy else False
             return [Rebooted(now_us)]
-        words = f"its time since boot jumped {jump} and continues from there; it is used now"
+        words = (
+            f"its time since boot jumped {jump} and continues from there; the new time is now "
+            "accepted"
+        )
         return [ClockChanged(now_us), *self._alarm("clock", words, now_us, again=True)]
 
     def _position(self, position: Position) -> list[ClientEvent]:
@@ -171,12 +174,15 @@ class VehicleMonitor:
         verdict = self._reach.judge(position, self._clock.rate)
         if verdict == "beyond":
             self._telemetry.retract("GLOBAL_POSITION_INT")
-            words = f"{beyond_m:.0f} m from its last position, which is too far; {NOT_USED}"
+            words = f"its position jumped by {beyond_m:.0f} m, which is implausible; {NOT_USED}"
             return self._alarm("jump", words, position.at_us)
         self.position = position
         if verdict == "kept":
             return [position]
-        words = f"its position jumped by {beyond_m:.0f} m and remains there; it is used now"
+        words = (
+            f"its position jumped by {beyond_m:.0f} m and remains there; the new position is now "
+            "accepted"
+        )
         return [*self._alarm("jump", words, position.at_us, again=True), position]
 
     def _alarm(
@@ -218,7 +224,7 @@ class VehicleMonitor:
         same = self.stack is None or (stack is not None and stack.same_vehicle(self.stack))
         if stack is None or not same:
             kind = f"autopilot {message.autopilot}, type {message.type}"
-            words = f"a HEARTBEAT of another kind of vehicle ({kind}); {NOT_USED}"
+            words = f"a HEARTBEAT from another kind of vehicle ({kind}); {NOT_USED}"
             return [] if self.stack is None else self._alarm("value", words, now_us)
         self._received_us = now_us
         events: list[ClientEvent] = []

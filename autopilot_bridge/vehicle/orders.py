@@ -71,7 +71,9 @@ def takeoff(stack: Stack, height_m: float, ground_amsl_m: float) -> Steps:
     A VTOL climbs vertically; then PX4 hovers, and ArduPlane circles as a plane.
     """
     if not 1.0 <= height_m <= 10_000.0:
-        raise BridgeError(f"takeoff to {height_m} m: give 1 to 10000 m above the ground")
+        raise BridgeError(
+            f"takeoff to {height_m} m: the height must be 1 to 10000 m above the ground"
+        )
     if stack.name == "px4":
         climb = Step(
             mavlink.MAV_CMD_NAV_TAKEOFF, (NAN, NAN, NAN, NAN, NAN, NAN, ground_amsl_m + height_m)
@@ -118,7 +120,7 @@ def return_height(stack: Stack, height_m: float) -> Steps:
     if stack.vehicle != "copter":
         raise BridgeError("the return height can be set only for multirotors")
     if not 1.0 <= height_m <= 3000.0:
-        raise BridgeError(f"return at {height_m:g} m: give 1 to 3000 m above home")
+        raise BridgeError(f"return at {height_m:g} m: the height must be 1 to 3000 m above home")
     if stack.name == "px4":
         return SetParameter("RTL_RETURN_ALT", height_m), SetParameter("RTL_CONE_ANG", 0.0)
     return (SetParameter("RTL_ALT", round(height_m * 100.0)),)
@@ -174,7 +176,10 @@ def orbit(
     px4_copter = stack.name == "px4" and stack.vehicle == "copter"
     max_m = PX4_MAX_ORBIT_RADIUS_M if px4_copter else PLANE_MAX_RADIUS_M
     if not 1.0 <= abs(radius_m) <= max_m:
-        raise BridgeError(f"orbit of radius {radius_m} m: give 1 to {max_m:.0f} m with a sign")
+        raise BridgeError(
+            f"orbit of radius {radius_m} m: the radius must be 1 to {max_m:.0f} m (negative: "
+            "anticlockwise)"
+        )
     change = () if speed_m_s is None or px4_copter else change_speed(stack, speed_m_s)
     if stack.name == "ardupilot":
         anticlockwise = 1.0 if radius_m < 0.0 else 0.0
@@ -237,17 +242,21 @@ def _check_output(
     """Raise BridgeError unless the output is valid and its two values differ."""
     subject = f"dropper by {dropper.by}"
     if not first <= dropper.number <= last:
-        raise BridgeError(f"{subject}: number {dropper.number}, give {first} to {last}")
+        raise BridgeError(f"{subject}: number {dropper.number} must be {first} to {last}")
     if not 0.0 < dropper.hold_s <= 5.0:
-        raise BridgeError(f"{subject}: hold of {dropper.hold_s} s, give more than 0 and at most 5")
+        raise BridgeError(
+            f"{subject}: hold of {dropper.hold_s} s must be more than 0 s and at most 5 s"
+        )
     if values is None:
         return
     minimum, maximum = values
     for name, value in (("release", dropper.release), ("rest", dropper.rest)):
         if not minimum <= value <= maximum:
-            raise BridgeError(f"{subject}: {name} {value:g}, give {minimum:g} to {maximum:g}")
+            raise BridgeError(f"{subject}: {name} {value:g} must be {minimum:g} to {maximum:g}")
     if dropper.release == dropper.rest:
-        raise BridgeError(f"{subject}: release and rest are both {dropper.rest:g}; give two values")
+        raise BridgeError(
+            f"{subject}: release and rest are both {dropper.rest:g}; they must differ"
+        )
 
 
 def _actuators(number: int, value: float) -> tuple[float, ...]:
@@ -273,19 +282,20 @@ def change_speed(stack: Stack, speed_m_s: float, orbiting: bool = False) -> Step
 
 def _checked_speed(speed_m_s: float) -> None:
     if not 0.0 < speed_m_s <= 200.0:
-        raise BridgeError(f"speed of {speed_m_s} m/s: give more than 0 and at most 200 m/s")
+        raise BridgeError(f"speed of {speed_m_s} m/s: must be more than 0 and at most 200 m/s")
 
 
 def _place(lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Place:
     # PX4 also accepts invalid values.
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
-        raise BridgeError(f"latitude {lat_deg}, longitude {lon_deg} is not on Earth")
+        raise BridgeError(f"latitude {lat_deg}, longitude {lon_deg} is not a valid position")
     if lat_deg == 0.0 and lon_deg == 0.0:
         raise BridgeError(
-            "autopilots interpret latitude 0, longitude 0 as their position; give the position"
+            "autopilots interpret latitude 0, longitude 0 as their current position; specify "
+            "another position"
         )
     if not -1000.0 <= altitude_amsl_m <= 20_000.0:
-        raise BridgeError(f"altitude {altitude_amsl_m} m AMSL: give -1000 to 20000 m")
+        raise BridgeError(f"altitude {altitude_amsl_m} m AMSL: must be -1000 to 20000 m")
     return Place(
         mavlink.MAV_FRAME_GLOBAL, round(lat_deg * 1e7), round(lon_deg * 1e7), altitude_amsl_m
     )
@@ -325,7 +335,7 @@ class Order(NamedTuple):
 
 def _takeoff(context: OrderContext, height_m: float) -> Steps:
     if context.altitude_amsl_m is None:
-        raise BridgeError("the vehicle has not reported a position; wait for Position")
+        raise BridgeError("the vehicle has not reported a position; wait for the event Position")
     return takeoff(context.stack, height_m, context.altitude_amsl_m)
 
 
@@ -374,5 +384,5 @@ def order_named(name: str) -> Order:
         BridgeError: The command does not exist; the text lists all commands.
     """
     if name not in ORDERS:
-        raise BridgeError(f"no vehicle command {name!r}; the commands are {', '.join(ORDERS)}")
+        raise BridgeError(f"unknown vehicle command {name!r}; the commands are {', '.join(ORDERS)}")
     return ORDERS[name]

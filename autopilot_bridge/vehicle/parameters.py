@@ -90,7 +90,9 @@ def encoded_value(value: float, kind: int, bytewise: bool) -> float:
 def checked_name(name: str) -> str:
     """Return ``name``. Raises BridgeError for an invalid parameter name."""
     if not (0 < len(name) <= LONGEST_NAME and name.isascii() and name.isprintable()):
-        raise BridgeError(f"{name!r} is not a parameter name; it has 1 to 16 ASCII characters")
+        raise BridgeError(
+            f"{name!r} is not a valid parameter name; use 1 to 16 printable ASCII characters"
+        )
     return name
 
 

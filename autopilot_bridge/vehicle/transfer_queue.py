@@ -85,7 +85,9 @@ class TransferQueue:
         for waiting in list(self._queue):
             if waiting.transfer_id == transfer_id:
                 self._queue.remove(waiting)
-                ended = TransferResult("cancelled", "it had not begun", holds="the old one")
+                ended = TransferResult(
+                    "cancelled", "the transfer had not begun", holds="the old one"
+                )
                 self._report(waiting, ended, now_us)
         job = self._job
         if job is None or job.transfer_id != transfer_id or job.exchange is None:
@@ -423,12 +425,14 @@ def likely_reason(job: Job) -> str:
     """Return the likely reason why PX4 rejects a mission; PX4 1.17 reports no reason."""
     if any(item.command in LANDINGS for item in job.items):
         return ""
-    return "; it has no landing, which PX4 requires of planes unless MIS_TKO_LAND_REQ is 0"
+    return (
+        "; the mission has no landing, which PX4 requires for planes unless MIS_TKO_LAND_REQ is 0"
+    )
 
 
 def accepted(job: Job) -> TransferResult:
     """Return the result of an accepted upload, with the reason if the mode was not changed."""
-    words = f"accepted; {job.override}, and its mode was not changed"
+    words = f"accepted; {job.override}, so the upload left the mode unchanged"
     reason = words if job.override else "accepted"
     return TransferResult("accepted", reason, 0, None, job.items, "the new one")
 

@@ -50,8 +50,8 @@ class PaperCorrected:
         self.observations = np.asarray(observations, dtype=np.float64)
         if self.observations.ndim != 2 or self.observations.shape[1] != 4:
             raise FireModelError(
-                f"corrections: observations are {self.observations.shape}; they must be "
-                "(count, 4): x, y, at_s, state"
+                f"corrections: observations have the shape {self.observations.shape}, but must "
+                "have (count, 4): x, y, at_s, state"
             )
         if not 0.0 < length_m < np.inf:
             raise FireModelError(f"corrections: length_m = {length_m} must be more than 0 m")

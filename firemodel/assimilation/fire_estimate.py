@@ -195,7 +195,9 @@ class FireEstimate:
         After a mapped perimeter, members are advanced only when a camera observation requires it.
         """
         if to_time_s < self.time_s:
-            raise FireModelError(f"the estimate is at {self.time_s} s, after {to_time_s} s")
+            raise FireModelError(
+                f"the estimate is at {self.time_s} s and cannot go back to {to_time_s} s"
+            )
         self._fires = self._burned_until(to_time_s, self.model, each)
         self.members = walked(self.members, to_time_s - self.time_s, self._rng)
         self._shared, self._rates = None, None
@@ -212,7 +214,7 @@ class FireEstimate:
             return
         if not self.begun:
             raise FireModelError(
-                f"{observation.source}: there is no fire yet; begin with an ignition or a perimeter"
+                f"{observation.source}: there is no fire yet; start with an ignition or a perimeter"
             )
         if observation.at_s > self.time_s or self._fires is None:
             self.advance(max(observation.at_s, self.time_s), each)
@@ -282,7 +284,7 @@ class FireEstimate:
         area, at_s = observation.area, observation.at_s
         where = observation.source or "perimeter"
         if not (observation.state == BURNED).any():
-            raise FireModelError(f"{where}: contains no cell of the landscape; check its place")
+            raise FireModelError(f"{where}: contains no cell of the landscape; check its position")
         if self.begun:
             self._refuse_implausible(observation)
             if self._shared is not None and self._shared.area is not None:
@@ -304,15 +306,16 @@ class FireEstimate:
         where = observation.source or "perimeter"
         if observation.at_s <= self.time_s:
             raise FireModelError(
-                f"{where}: its time is {observation.at_s:g} s, not after the last observation at "
-                f"{self.time_s:g} s; check its time and time zone"
+                f"{where}: its time, {observation.at_s:g} s, is not later than that of the last "
+                f"observation, {self.time_s:g} s; check its time and time zone"
             )
         burned = self.burned()
         kept = np.count_nonzero(burned & (observation.state == BURNED))
         if kept < MIN_KEPT * np.count_nonzero(burned):
             raise FireModelError(
                 f"{where}: contains only {kept / np.count_nonzero(burned):.0%} of the area that "
-                "had burned before; check its place and CRS, or whether it maps only a part"
+                "had burned before; check its position and CRS, and whether it maps only a part "
+                "of the fire"
             )
 
     def _learn(self, observation: Observation, each: Each) -> None:

@@ -34,10 +34,10 @@ def observations_of(
             "polygon of 3 or more"
         )
     if not np.isfinite(points).all() or not np.isfinite(at_s):
-        raise FireModelError(f"{shape} at {at_s} s: places and time must be finite numbers")
+        raise FireModelError(f"{shape} at {at_s} s: positions and time must be finite numbers")
     if state not in (BURNED, BURNING, UNBURNED):
         raise FireModelError(
-            f"{shape}: state {state}: give -1 (burned), 0 (burning) or 1 (unburned)"
+            f"{shape}: state {state}: must be -1 (burned), 0 (burning) or 1 (unburned)"
         )
     if not 0.0 < spacing_m < np.inf:
         raise FireModelError(f"{shape}: spacing_m = {spacing_m} must be more than 0")

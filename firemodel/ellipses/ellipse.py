@@ -61,7 +61,7 @@ def spreads_of(
     """
     if fuel not in FUEL_MODELS:
         raise FireModelError(
-            f"fuel model {fuel}: unknown; give a fuel model of Anderson or of Scott & Burgan"
+            f"fuel model {fuel}: unknown; use a fuel model of Anderson or of Scott & Burgan"
         )
     model = FUEL_MODELS[fuel]
     factor = float(wind_adjustment_factor(model.depth_ft))
@@ -147,7 +147,9 @@ def _checked(sources: Floats) -> Floats:
     if given.size == 0:
         return np.empty((0, 3))
     if given.ndim != 2 or given.shape[1] != 3:
-        raise FireModelError(f"sources are {given.shape}; they must be (count, 3): x, y, at_s")
+        raise FireModelError(
+            f"sources have the shape {given.shape}, but must have (count, 3): x, y, at_s"
+        )
     wrong = ~np.isfinite(given).all(axis=1)
     if wrong.any():
         place = int(np.argmax(wrong))
@@ -166,7 +168,7 @@ def _table(spreads: Sequence[Spread]) -> Floats:
     The support function of the ellipse is h(n) = c·n + √(n·Qn).
     """
     if not spreads:
-        raise FireModelError("no spreads; give at least one")
+        raise FireModelError("no spreads; specify at least one")
     rows: list[tuple[float, ...]] = []
     for number, spread in enumerate(spreads):
         rates = spread[1:4]
@@ -176,7 +178,9 @@ def _table(spreads: Sequence[Spread]) -> Floats:
                 f"spread {number}: {spread}: rates must be positive, or all 0 where nothing burns"
             )
         if rows and not spread.from_s > rows[-1][0]:
-            raise FireModelError(f"spread {number}: from_s = {spread.from_s} is not after the last")
+            raise FireModelError(
+                f"spread {number}: from_s = {spread.from_s} is not later than the previous"
+            )
         cos, sin = math.cos(spread.toward_rad), math.sin(spread.toward_rad)
         centre = (spread.head_m_s - spread.back_m_s) / 2.0
         long2, wide2 = ((spread.head_m_s + spread.back_m_s) / 2.0) ** 2, spread.flank_m_s**2

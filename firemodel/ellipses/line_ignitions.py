@@ -22,8 +22,8 @@ def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Fl
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
     if len(points) == 0 or not spacing_m > 0.0:
         raise FireModelError(
-            f"line of {len(points)} points, spacing {spacing_m} m: give at least one point and a "
-            "spacing of more than 0 m"
+            f"line of {len(points)} points, spacing {spacing_m} m: specify at least one point and "
+            "a spacing of more than 0 m"
         )
     times = np.broadcast_to(np.asarray(at_s, dtype=np.float64), len(points))
     corners = np.column_stack([points, times])

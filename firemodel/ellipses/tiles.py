@@ -61,7 +61,7 @@ def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles
 def check_finite(points: Floats, wrong: int) -> None:
     """Raise FireModelError for the point ``wrong``, unless ``wrong`` is the number of points."""
     if wrong < len(points):
-        raise FireModelError(f"point {wrong}: x, y = {points[wrong].tolist()}; give finite numbers")
+        raise FireModelError(f"point {wrong}: x, y = {points[wrong].tolist()}; both must be finite")
 
 
 @kernel

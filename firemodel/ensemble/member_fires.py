@@ -210,7 +210,8 @@ class Ensemble:
         """
         if len({(id(fire.landscape), fire.time_s) for fire in fires}) != 1:
             raise FireModelError(
-                "ensemble: give one or more fires on the same landscape and at the same time"
+                "ensemble: must contain one or more fires on the same landscape and at the same "
+                "time"
             )
         self.fires = list(fires)
 
@@ -246,7 +247,7 @@ class Ensemble:
         unknown = [number for number in numbers if not 0 <= number < len(self.fires)]
         if unknown or not numbers:
             raise FireModelError(
-                f"ensemble: cannot resample {unknown or 'nothing'}; give numbers from 0 to "
+                f"ensemble: cannot resample {unknown or 'nothing'}; use numbers from 0 to "
                 f"{len(self.fires) - 1}"
             )
         taken: set[int] = set()

@@ -88,7 +88,7 @@ def _elevation(
     if ((places < -0.5) | (places > last)).any():
         raise FireModelError(
             f"jacksboro: {rows} x {cols} cells of {cell_size_m} m reach beyond the terrain that "
-            "ships with matplotlib; give fewer or smaller cells (7 km from the centre at most)"
+            "ships with matplotlib; use fewer or smaller cells (7 km from the centre at most)"
         )
     return np.asarray(np.round(bilinear(terrain, *places), 1), dtype=np.float32)
 

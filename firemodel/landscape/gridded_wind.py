@@ -81,7 +81,7 @@ def _times(stack: WindStack, interval_s: float) -> Iterator[float]:
         if winds > MAX_WINDS:
             raise FireModelError(
                 f"wind grids at {before_s:g} s and {after_s:g} s: at most {MAX_WINDS:,} winds are "
-                f"interpolated between two grids; correct the times, or give a longer interval_s"
+                "interpolated between two grids; correct the times, or set a longer interval_s"
             )
         yield from (before_s + count * interval_s for count in range(math.ceil(winds)))
     yield stack.at_s[-1]

@@ -41,5 +41,5 @@ def ground_notes(
     if abs(turned_deg) > OPPOSITE_DEG:
         yield (
             f"{name}: aspect points uphill, but must be the direction in which the ground falls; "
-            "leave slope and aspect out to compute them from the elevation"
+            "omit both slope and aspect to compute them from the elevation"
         )

@@ -205,7 +205,7 @@ def describe_shapes(
     shapes, own_crs = read
     problems += crs_problems(path, own_crs, crs)
     if not shapes:
-        problems.append(f"{path}: has no features; give a file with at least one")
+        problems.append(f"{path}: has no features; use a file with at least one")
     their_crs = own_crs or crs if not problems else None
     for number, shape in enumerate(shapes, start=1):
         wrong = list(shape_problems(path, number, shape, their_crs))
@@ -375,8 +375,8 @@ def _band_in_words(
         problems += gaps(band, values, missing)
     elif found["least"] in USUAL_NODATA:
         problems.append(
-            f"{band.name}: {cells_with(values == found['least'], values)} is probably no data, but "
-            "the file does not declare it; declare it in the file, or give it as nodata"
+            f"{band.name}: {cells_with(values == found['least'], values)} probably means no data, "
+            "but the file does not declare it; declare it in the file, or specify it as nodata"
         )
     return found
 

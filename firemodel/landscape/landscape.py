@@ -204,7 +204,8 @@ class Landscape(NotebookObject):
         """
         if self.fuel_model.ndim != 2 or self.fuel_model.size == 0:
             raise FireModelError(
-                f"landscape: fuel is {self.fuel_model.shape} cells; it must be (rows, columns)"
+                f"landscape: fuel has the shape {self.fuel_model.shape}, but must have (rows, "
+                "columns)"
             )
         if not MIN_CELL_M <= self.cell_size_m <= MAX_CELL_M:
             raise FireModelError(
@@ -223,8 +224,8 @@ class Landscape(NotebookObject):
             gradient = np.ascontiguousarray(self.gradient, dtype=np.float32)
             if gradient.shape != (2, *self.shape):
                 raise FireModelError(
-                    f"landscape: gradient is {gradient.shape}, must be {(2, *self.shape)}: "
-                    "towards north and towards east"
+                    f"landscape: gradient has the shape {gradient.shape}, but must have "
+                    f"{(2, *self.shape)}: towards north and towards east"
                 )
             self._check_layer("gradient towards north", gradient[0], -MAX_SLOPE, MAX_SLOPE)
             self._check_layer("gradient towards east", gradient[1], -MAX_SLOPE, MAX_SLOPE)
@@ -232,7 +233,7 @@ class Landscape(NotebookObject):
             gradient = horn(self.elevation_m, self.cell_size_m)
         else:
             raise FireModelError(
-                "landscape: elevation and gradient are both missing; give one of them"
+                "landscape: elevation and gradient are both missing; specify one of them"
             )
         object.__setattr__(self, "gradient", gradient)
 
@@ -243,8 +244,8 @@ class Landscape(NotebookObject):
             return
         if layer.shape != self.shape:
             raise FireModelError(
-                f"landscape: fuel is {self.shape} cells, {name} {layer.shape}; "
-                "both must be (rows, columns) of the same size"
+                f"landscape: fuel has the shape {self.shape}, but {name} {layer.shape}; the "
+                "shapes must be equal"
             )
         within = (layer >= least) & (layer <= most)  # False for NaN
         if not within.all():
@@ -380,7 +381,7 @@ class Landscape(NotebookObject):
         z = self.elevation_m
         if z is None:
             raise FireModelError(
-                "this landscape has no elevation; give an elevation raster along with slope and "
+                "this landscape has no elevation; add an elevation raster along with slope and "
                 "aspect"
             )
         return bilinear(z, *self.row_col_of(x_m, y_m))

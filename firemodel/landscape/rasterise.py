@@ -71,7 +71,7 @@ def with_barriers(
     """
     if code not in NON_BURNABLE:
         codes = ", ".join(map(str, NON_BURNABLE))
-        raise FireModelError(f"barriers: fuel code {code} burns; give one of {codes}")
+        raise FireModelError(f"barriers: fuel code {code} burns; use one of {codes}")
     shapes = list(geometries)
     outlines = [part.boundary for part in parts_of(shapes) if part.geom_type == "Polygon"]
     fuel = landscape.fuel_model.copy()

@@ -58,8 +58,8 @@ def zone_moistures(air: AirRecords, conditions: ZoneConditions) -> list[tuple[De
     landscape, station_m = conditions
     if landscape.elevation_m is None:
         raise FireModelError(
-            "landscape: no elevation, which the moisture of slopes requires; give an elevation "
-            'raster, or use dead_fuel_model = "time_lag"'
+            "landscape: has no elevation, which the moisture of slopes requires; add an elevation "
+            'raster, or set dead_fuel_model = "time_lag"'
         )
     zones = landscape.moisture_zones
     if station_m is None:
@@ -71,9 +71,9 @@ def zone_moistures(air: AirRecords, conditions: ZoneConditions) -> list[tuple[De
         temperature_c, humidity = at_elevation(air, zone_m - station_m)
         if (hottest_c := float(temperature_c.max())) > MAX_TEMPERATURE_C:
             raise FireModelError(
-                f"weather: with the station at {station_m:g} m the air at {zone_m:g} m has "
-                f"{hottest_c:.0f} °C, more than {MAX_TEMPERATURE_C:g} °C; correct the elevation of "
-                "the station"
+                f"weather: with the station at {station_m:g} m, the air temperature at {zone_m:g} "
+                f"m is {hottest_c:.0f} °C, more than {MAX_TEMPERATURE_C:g} °C; correct the "
+                "elevation of the station"
             )
         rows += (temperature_c, humidity)
         rows.append(sun_on(zone))

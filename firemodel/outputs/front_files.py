@@ -106,7 +106,7 @@ def check_increasing(times_s: Sequence[float]) -> None:
     """Raise FireModelError unless times are finite and increase."""
     for number, time_s in enumerate(times_s):
         if not np.isfinite(time_s):
-            raise FireModelError(f"times_s[{number}] is {time_s}; give a number of seconds")
+            raise FireModelError(f"times_s[{number}] is {time_s}; it must be a number of seconds")
         if number and not time_s > times_s[number - 1]:
             raise FireModelError(
                 f"times_s[{number}] = {time_s} is not later than {times_s[number - 1]}; sort the "

@@ -279,12 +279,14 @@ _WINDS = ranges(
     ("calm", "up to 3 m/s", "3–6 m/s", "6–9 m/s", "9–12 m/s", "12–18 m/s", "above 18 m/s"),
 )
 TORCHING_WIND_LAYER = Layer(
-    "torching index: least wind at 20 ft (6.1 m) at which the surface fire ignites crowns",
+    "torching index: lowest wind speed at 20 ft (6.1 m) at which the surface fire ignites crowns",
     "m s-1",
     _WINDS,
 )
 CROWNING_WIND_LAYER = Layer(
-    "crowning index: least wind at 20 ft (6.1 m) at which a crown fire is active", "m s-1", _WINDS
+    "crowning index: lowest wind speed at 20 ft (6.1 m) at which a crown fire is active",
+    "m s-1",
+    _WINDS,
 )
 WARM_HEIGHT_LAYER = Layer(
     "height above the ground up to which the front warms the air by more than the limit",
@@ -295,7 +297,7 @@ WARM_HEIGHT_LAYER = Layer(
     ),
 )
 PROBABILITY_LAYER = Layer(
-    "share of the simulated fires in which the cell burns",
+    "fraction of the simulated fires in which the cell burns",
     "1",
     ranges(
         [number / 10 for number in range(1, 10)],

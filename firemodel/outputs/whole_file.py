@@ -46,7 +46,7 @@ def check_target(path: Path) -> None:
 def write_error(path: Path, error: Exception) -> FireModelError:
     """Return the error for a file that cannot be written."""
     reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-    return FireModelError(f"{path}: cannot be written: {reason}; give another path")
+    return FireModelError(f"{path}: cannot be written: {reason}; use another path")
 
 
 def remove_parts(folder: Path) -> None:

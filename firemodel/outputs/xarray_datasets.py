@@ -51,7 +51,7 @@ def to_xarray(thing: Landscape | Fire) -> "Dataset":
         land = thing
     else:
         raise FireModelError(
-            f"to_xarray: {type(thing).__name__} cannot be converted; give a Landscape or a Fire"
+            f"to_xarray: {type(thing).__name__} cannot be converted; pass a Landscape or a Fire"
         )
     if land.custom_fuels:
         raise FireModelError("to_xarray: a dataset cannot contain custom fuel models")

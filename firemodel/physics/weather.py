@@ -123,7 +123,7 @@ class WeatherStream:
     def __init__(self, entries: Sequence[Weather], source: WeatherSource | None = None) -> None:
         """Raise FireModelError for an invalid entry; the message names the entry and the value."""
         if not entries:
-            raise FireModelError("weather: no entries; give at least one, at 0 s")
+            raise FireModelError("weather: no entries; specify at least one, at 0 s")
         for number, entry in enumerate(entries):
             _check(number, entry)
             if number and not entry.at_s > entries[number - 1].at_s:
@@ -241,7 +241,7 @@ def wind_adjustment_factor(
         wrong = ~((np.asarray(part) >= 0.0) & (np.asarray(part) <= 1.0))
         if wrong.any():
             value = np.asarray(part)[wrong][0]
-            raise FireModelError(f"{name} = {value}: give a fraction from 0 to 1, not percent")
+            raise FireModelError(f"{name} = {value}: must be a fraction from 0 to 1, not percent")
     fill = np.asarray(canopy_cover) * crown_ratio / 3.0
     height_ft = np.asarray(canopy_height_m) / M_PER_FT
     sheltered = (fill >= 0.05) & (height_ft >= 6.0)

@@ -40,7 +40,7 @@ class WindGrids:
         values = np.ascontiguousarray(toward, dtype=np.float32)
         if values.ndim != 4 or values.shape[1] != 2 or values.size == 0:
             raise FireModelError(
-                f"wind field: is {values.shape}; it must be (grids, 2, rows, columns)"
+                f"wind field: has the shape {values.shape}, but must have (grids, 2, rows, columns)"
             )
         if not np.isfinite(values).all():
             raise FireModelError("wind field: contains values that are not finite numbers")
@@ -78,7 +78,7 @@ class WindField:
         known = all(0 <= number < len(self.grids.toward) for number, _ in self.parts)
         if not (1 <= len(self.parts) <= MAX_GRIDS_OF_FIELD and known):
             raise FireModelError(
-                f"wind field: parts = {self.parts}; give one or two grids from 0 to "
+                f"wind field: parts = {self.parts}; they must be one or two of the grids 0 to "
                 f"{len(self.grids.toward) - 1}"
             )
 

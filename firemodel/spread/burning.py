@@ -52,11 +52,11 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
     if not burned.any():
         raise FireModelError(
             f"burning: no cell has an arrival by {at_s} s (the first is at {arrival_s.min()} s); "
-            "give a later time"
+            "use a later time"
         )
     if burned.all():
         raise FireModelError(
-            f"burning: every cell has an arrival by {at_s} s; give an earlier time, and store no "
+            f"burning: every cell has an arrival by {at_s} s; use an earlier time, and store no "
             "value in unburned cells"
         )
     area = front_polygons(arrival_s, at_s, landscape)

@@ -55,7 +55,7 @@ def canopy_of(landscape: Landscape, foliar_moisture_pct: float) -> Canopy:
     missing = [name for name, layer in layers.items() if layer is None]
     if missing:
         raise FireModelError(
-            f"crown fire: the landscape has no {' and no '.join(missing)}; give the layer, or set "
+            f"crown fire: the landscape lacks {' and '.join(missing)}; add what is missing, or set "
             'crown = "none"'
         )
     height_m, base_m, density = (

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from firemodel.spread.fire_scheme import Fire
 
-BEYOND_EDGE = "fire beyond the edge is not simulated; give a larger landscape"
+BEYOND_EDGE = "fire beyond the edge is not simulated; use a larger landscape"
 
 
 class AtEdge(NamedTuple):

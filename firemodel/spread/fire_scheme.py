@@ -92,7 +92,7 @@ class Fire(NotebookObject, ABC):
         if not self.time_s <= to_time_s < np.inf:
             raise FireModelError(
                 f"the fire is at {self.time_s} s and cannot advance to {to_time_s} s; "
-                "give a later, finite time"
+                "use a later, finite time"
             )
         while self._closings and self._closings[0].at_s <= to_time_s:
             at_s = max(self._closings[0].at_s, self.time_s)
@@ -300,7 +300,7 @@ def check_burning(burning: Burning, landscape: Landscape) -> None:
     """Raise FireModelError if an initial fire contradicts the landscape or its own ``at_s``."""
     at_s, arrival_s, front, _ = burning
     if not np.isfinite(at_s):
-        raise FireModelError(f"burning: at_s = {at_s} is not a time; give seconds")
+        raise FireModelError(f"burning: at_s = {at_s} is not a time in seconds")
     check_shape(arrival_s, landscape)
     wrong = ~((arrival_s <= at_s) | (arrival_s == np.inf)) | (arrival_s == -np.inf)
     if wrong.any():
@@ -312,7 +312,7 @@ def check_burning(burning: Burning, landscape: Landscape) -> None:
         )
     if front.ndim != 2 or front.shape[1] != 2:
         raise FireModelError(
-            f"burning: front is {front.shape}; it must be (points, 2): row, column"
+            f"burning: front has the shape {front.shape}, but must have (points, 2): row, column"
         )
     off = ~(np.abs((front + 0.5) / landscape.shape - 0.5) <= 0.5).all(axis=1)
     if off.any():
@@ -327,6 +327,6 @@ def check_shape(arrival_s: Floats, landscape: Landscape) -> None:
     """Raise FireModelError if arrival times are not on the landscape's grid."""
     if arrival_s.shape != landscape.shape:
         raise FireModelError(
-            f"burning: arrival is {arrival_s.shape} cells, the landscape {landscape.shape}; both "
-            "must be (rows, columns) of the same size"
+            f"burning: arrival has the shape {arrival_s.shape}, but the landscape "
+            f"{landscape.shape}; the shapes must be equal"
         )

@@ -93,7 +93,7 @@ def fuel_beds(landscape: Landscape, entries: Sequence[Weather]) -> FuelBeds:
     zones, given = landscape.moisture_zones, len(entries[0].of_zones)
     if given != zones.cover.size:
         raise FireModelError(
-            f"weather: has moistures for {given} zones, the landscape has {zones.cover.size}; "
+            f"weather: has moistures for {given} zones, but the landscape has {zones.cover.size}; "
             "read the weather with this landscape"
         )
     burns = fuel >= 0
@@ -160,7 +160,7 @@ def _grids_of(
         found[id(field.grids)] = field.grids
         if field.grid_shape != landscape.shape:
             raise FireModelError(
-                f"weather: has a wind field of {field.grid_shape} cells, the landscape has "
+                f"weather: has a wind field of {field.grid_shape} cells, but the landscape has "
                 f"{landscape.shape}; read the wind with this landscape"
             )
     if len(found) <= 1:
@@ -258,7 +258,7 @@ def perturbed(
     if not (np.all((factors >= 0.0) & (factors <= MAX_FACTOR)) and math.isfinite(turn_deg)):
         raise FireModelError(
             f"perturb: wind_factor = {wind_factor}, turn_deg = {turn_deg}, spread_factor = "
-            f"{spread_factor}: give factors from 0 to {MAX_FACTOR:g} and an angle in degrees"
+            f"{spread_factor}: factors must be 0 to {MAX_FACTOR:g}, the angle in degrees finite"
         )
     spread_factor = np.asarray(spread_factor)
     if spread_factor.ndim > 0 and spread_factor.shape[-1] != tables.fuel_of_bed.size:

@@ -137,7 +137,8 @@ def _firebrands(
         return None
     if crown == "none":
         raise FireModelError(
-            'spotting: only burning crowns emit firebrands; give crown, such as "scott_reinhardt"'
+            "spotting: only burning crowns emit firebrands; set crown, for example to "
+            '"scott_reinhardt"'
         )
     from firemodel.spread.firebrands import Firebrands
 

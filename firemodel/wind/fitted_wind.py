@@ -111,7 +111,7 @@ def fit_wind(
         FireModelError: There is no measurement, or one is impossible or too close to the ground.
     """
     if not measured:
-        raise FireModelError("measured wind: no measurements; give at least one")
+        raise FireModelError("measured wind: no measurements; specify at least one")
     for number, each in enumerate(measured):
         _check(number, each, terrain)
     rows, cols, above_m, speeds, from_deg, sd = np.array(measured, dtype=np.float64).T
@@ -145,12 +145,12 @@ def _check(number: int, each: MeasuredWind, terrain: TerrainWind) -> None:
         raise fail(f"row {each.row:.1f}, column {each.col:.1f} is outside the landscape")
     if not (0.0 <= each.speed_m_s <= MAX_SPEED_M_S and 0.01 <= each.sd_m_s <= MAX_SPEED_M_S):
         raise fail(
-            f"speed {each.speed_m_s:g} m/s, sd {each.sd_m_s:g} m/s; give a speed from 0 to 100 m/s "
-            f"and a standard deviation from 0.01 to 100 m/s"
+            f"speed {each.speed_m_s:g} m/s, sd {each.sd_m_s:g} m/s; the speed must be 0 to 100 "
+            "m/s, and the standard deviation 0.01 to 100 m/s"
         )
     lowest_m = terrain.lowest_m(each.row, each.col)
     if each.above_ground_m <= lowest_m:
         raise fail(
             f"{each.above_ground_m:g} m above ground is within the vegetation, where the profile "
-            f"is 0 up to {lowest_m:.2f} m; give the height of the instrument above the ground"
+            f"is 0 up to {lowest_m:.2f} m; specify the height of the instrument above the ground"
         )

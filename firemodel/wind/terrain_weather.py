@@ -32,7 +32,7 @@ def wind_of_landscape(landscape: Landscape, run: MapFunction = map) -> TerrainWi
     """
     if landscape.elevation_m is None:
         raise FireModelError(
-            "wind over terrain: the landscape has no elevation; give the layer elevation"
+            "wind over terrain: the landscape has no elevation; add the layer elevation"
         )
     surface = surface_of(landscape)
     return terrain_wind(landscape.elevation_m, landscape.cell_size_m, surface, run=run)
@@ -71,7 +71,7 @@ def _free_per_local(responses: NDArray[np.float32], row: int, col: int) -> Float
     if np.linalg.svd(here, compute_uv=False)[-1] < MIN_RESPONSE:
         raise FireModelError(
             f"wind over terrain: the station at row {row}, column {col} is sheltered from the "
-            "wind; use a station in a less sheltered place, or none"
+            "wind; use a station in a less sheltered location, or none"
         )
     return np.linalg.inv(here).astype(np.float64)
 

@@ -218,7 +218,7 @@ def local_wind(
     """
     if not (np.isfinite(speed_m_s) and speed_m_s >= 0.0 and np.isfinite(from_deg)):
         raise FireModelError(
-            f"wind over terrain: speed {speed_m_s} m/s from {from_deg}° is not a wind"
+            f"wind over terrain: speed {speed_m_s} m/s from {from_deg}° is not a valid wind"
         )
     toward = np.deg2rad(from_deg + 180.0)
     wind: NDArray[np.floating] = speed_m_s * (

@@ -67,7 +67,7 @@ def fence_for(vehicle: VehicleSection, scenario: Scenario, landscape: Landscape)
         )
         reason = _not_outlined(inside)
         if reason or len(inside) > 1:
-            left_out.append(f"allowed areas: {reason or 'they are apart'}")
+            left_out.append(f"allowed areas: {reason or 'they are not connected'}")
         elif len(section.allowed) == 1 and section.allowed[0].radius_m is not None:
             circles.append(_circle(section.allowed[0], True))
         else:
@@ -87,14 +87,14 @@ def _highest_m(vehicle: VehicleSection, scenario: Scenario, landscape: Landscape
 def _unusable(volume: Volume, scenario: Scenario, top_m: float, landscape: Landscape) -> str:
     """Return why a fence cannot contain a volume; "" if it can."""
     if volume.from_s > scenario.first_flight_s or volume.until_s < scenario.duration_s:
-        return "it is not closed during the whole run"
+        return "it is not closed for the whole run"
     if volume.floor_m == -math.inf and volume.ceiling_m == math.inf:
         return ""
     if landscape.elevation_m is None:
-        return "it has limits of altitude, and the landscape has no elevation"
+        return "it has altitude limits, but the landscape has no elevation"
     lowest_m = ground_range_m(volume.area_m, landscape)[0]
     if not volume.floor_m <= lowest_m:  # also if the ground is not known
-        return "it begins above the ground"
+        return "its floor is above the ground"
     if not volume.ceiling_m >= top_m:
         return f"its ceiling is below {top_m:.0f} m AMSL, up to which the vehicle may fly"
     return ""

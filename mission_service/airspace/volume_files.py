@@ -50,7 +50,8 @@ def _from_features(data: bytes, path: Path) -> list[ClosedVolume]:
         ]
         if not polygons:
             raise ScenarioError(
-                f"airspace: {path}: feature {number} ({name}) is not a polygon; draw it as polygon"
+                f"airspace: {path}: feature {number} ({name}) is not a polygon; draw it as a "
+                "polygon"
             )
         for part_number, polygon in enumerate(polygons, start=1):
             own = name if len(polygons) == 1 else f"{name} ({part_number})"
@@ -91,7 +92,7 @@ def _from_openair(text: str, path: Path) -> list[ClosedVolume]:
         _set_limit(limits, "ceiling", record["ceiling"], f"{path}: {name}")
         found.append(_volume(path, name, _corners(record["elements"], f"{path}: {name}"), limits))
     if not found:
-        raise ScenarioError(f"airspace: {path}: has no airspace (a block that begins with AC)")
+        raise ScenarioError(f"airspace: {path}: contains no airspace (no block begins with AC)")
     return found
 
 
@@ -106,7 +107,7 @@ def _set_limit(limits: dict[str, Any], side: str, text: str | None, where: str) 
     match = ALTITUDE.match(words)
     if match is None:
         raise ScenarioError(
-            f"airspace: {where}: {side} {text!r} is no altitude; write it as 1500 ft AMSL, "
+            f"airspace: {where}: {side} {text!r} is not an altitude; write it as 1500 ft AMSL, "
             "500 ft AGL or FL 65"
         )
     level, hundreds, number, unit, reference = match.groups()

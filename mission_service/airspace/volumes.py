@@ -145,7 +145,7 @@ def polygon_of(
     _require_finite(name, places_m.ravel())
     area = shapely.make_valid(shapely.Polygon(places_m))
     if area.area <= 0.0:
-        raise ScenarioError(f"airspace: {name}: the corners have no area; give them in order")
+        raise ScenarioError(f"airspace: {name}: the corners enclose no area; list them in order")
     return area
 
 

@@ -98,7 +98,7 @@ def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, 
         if shown["open_items"]:
             items = "; ".join(shown["open_items"])
             raise RequestError(f"the GO/NO-GO checklist must be complete first; open: {items}")
-        if not yes and not click.confirm(f"Approve it as {by} at {station}?", err=as_json):
+        if not yes and not click.confirm(f"Approve this plan as {by} at {station}?", err=as_json):
             raise RequestError("not approved")
         print_reply(client.ask(do="approve", by=by, station=station, hash=name), as_json)
 

@@ -53,8 +53,8 @@ def islam_hu(out: Path | None, as_json: bool) -> None:
     type=click.Choice(["maximum", "outward"]),
     default="maximum",
     show_default=True,
-    help="Rate of spread that weighs a cell: the maximum over all directions, as in the thesis, or "
-    "the rate along the normal of the front.",
+    help="Rate of spread used as the weight of a cell: the maximum over all directions, as in the "
+    "thesis, or the rate along the normal of the front.",
 )
 @JSON
 def bent(

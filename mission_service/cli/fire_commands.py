@@ -77,7 +77,7 @@ def fire_run(
     from mission_service.simulation.fire_alone import run_fire
 
     if math.isnan(front_every_s):
-        raise click.UsageError("--front-every nan: give seconds")
+        raise click.UsageError("--front-every nan: must be a number of seconds")
     _refuse_together(members)
     loaded = load_scenario(scenario, overrides)
     if members is None:
@@ -88,13 +88,13 @@ def fire_run(
         from mission_service.simulation.fire_members import run_members
         from mission_service.simulation.task_pool import tasks_on
 
-        kept = f"{out}/members keeps the finished members; repeat the command to continue"
+        kept = f"the finished members are kept in {out}/members; repeat the command to continue"
         with results_in(out, kept) as made, tasks_on(*cores, "fire run") as run:
             summary = run_members(loaded, made, members, run, echo_warning)
         written = "GeoTIFFs, map.png and summary.json"
     echo(summary, as_json)
     if not as_json:
-        click.echo(f"{written} in {out}/")
+        click.echo(f"Wrote {written} to {out}/")
 
 
 def _refuse_together(members: int | None) -> None:
@@ -117,7 +117,8 @@ def _refuse_together(members: int | None) -> None:
     multiple=True,
     required=True,
     metavar="KEY=VALUES",
-    help="Values of a key: a list (3,5,8) or a range (2:10:2 means 2 to 10 by 2); repeatable.",
+    help="Values of a key: a list (3,5,8) or a range (2:10:2 means 2 to 10 in steps of 2); "
+    "repeatable.",
 )
 @cores_option("threads")
 @OVERRIDE
@@ -138,12 +139,12 @@ def fire_sweep(
     from mission_service.simulation.task_pool import tasks_on
 
     sweep = sweep_of(scenario, overrides, varied)
-    kept = f"{out}/runs keeps the finished runs; repeat the command to continue"
+    kept = f"the finished runs are kept in {out}/runs; repeat the command to continue"
     with results_in(out, kept) as made, tasks_on(*cores, "fire sweep") as run:
         summary = run_sweep(sweep, made, run, echo_warning)
     echo(summary, as_json)
     if not as_json:
-        click.echo(f"sweep.csv and fronts.geojson in {out}/")
+        click.echo(f"Wrote sweep.csv and fronts.geojson to {out}/")
 
 
 @fire.command("assimilate")
@@ -255,22 +256,22 @@ def fire_wind(
 
     wind = GivenWind(**given)
     if (wind.speed_m_s is None) != (wind.from_deg is None):
-        raise click.UsageError("give both --speed and --from, or none")
+        raise click.UsageError("specify both --speed and --from, or neither")
     if wind.speed_m_s is not None and wind.measured is not None:
-        raise click.UsageError("give either --speed and --from, or --measured")
+        raise click.UsageError("specify either --speed and --from, or --measured")
     if (
         wind.at_s is not None
         and not wind.slope_flow
         and (wind.speed_m_s is not None or wind.measured is not None)
     ):
         raise click.UsageError(
-            "--at has no effect with a given wind; add --slope-flow, or leave out --at"
+            "--at has no effect with a specified wind; add --slope-flow, or leave out --at"
         )
     with results_in(out, "repeat the command") as made:
         summary = run_wind(load_scenario(scenario, overrides), made, wind)
     echo(summary, as_json)
     if not as_json:
-        click.echo(f"GeoTIFFs, ASCII grids and summary.json in {out}/")
+        click.echo(f"Wrote GeoTIFFs, ASCII grids and summary.json to {out}/")
 
 
 @fire.command("info")

@@ -5,7 +5,7 @@ from pathlib import Path
 from firemodel.landscape.info import Description, describe, describe_rasters
 from mission_service.errors import MissionServiceError
 
-HOW = "give one file, or the layers of a landscape, each as LAYER=FILE"
+HOW = "specify one file, or the layers of a landscape, each as LAYER=FILE"
 
 
 def describe_files(
@@ -32,6 +32,6 @@ def _pairs(words: tuple[str, ...], where: str, how: str) -> dict[str, str]:
         if not (name and equals and value):
             raise MissionServiceError(f"{where}: {word}: {how}")
         if name in found:
-            raise MissionServiceError(f"{where}: {name} is given twice; give it once")
+            raise MissionServiceError(f"{where}: {name} is specified twice; specify it once")
         found[name] = value
     return found

@@ -112,4 +112,4 @@ def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> N
     if len(plans) > MAX_MISSIONS:
         others = [name for name in files if name not in plans]
         files = [*others, f"{len(plans)} missions (.plan)"]
-    click.echo(f"{', '.join(files) or 'nothing to write'} in {out}/")
+    click.echo(f"Wrote {', '.join(files) or 'no files'} to {out}/")

@@ -57,8 +57,8 @@ def set_wanted(
     """
     if old.exists():
         raise MissionServiceError(
-            f"{old}: exists, and may contain the values before an earlier change; "
-            "restore them (--restore), or give another path with -o"
+            f"{old}: already exists, and may contain the values before an earlier change; restore "
+            "them (--restore), or choose another path with -o"
         )
     session = _Session(line, system_id, station_id)
     return session.result_of(partial(session.set_wanted, wanted, old))
@@ -115,8 +115,8 @@ class _Session:
             after = link_loss_of(self._stack, result["parameters"], self._station_id)
             if not after.satisfies(wanted):
                 raise MissionServiceError(
-                    f"{self._line.link}: after the change it still {result['reaction']}; "
-                    f"restore the old values (--restore {old})"
+                    f"{self._line.link}: after the change, the vehicle still "
+                    f"{result['reaction']}; restore the old values (--restore {old})"
                 )
             result["old_values"] = str(old)
         return {"changed": [str(change) for change in changes], **result}
@@ -152,8 +152,8 @@ class _Session:
         """Return the vehicle's system id. Raises MissionServiceError for an armed vehicle."""
         if self._client.armed:
             raise MissionServiceError(
-                f"{self._line.link}: the vehicle is armed; parameters of its failsafe are changed "
-                "only while it is disarmed"
+                f"{self._line.link}: the vehicle is armed; failsafe parameters are changed only "
+                "while it is disarmed"
             )
         assert self._client.target_system is not None
         return self._client.target_system

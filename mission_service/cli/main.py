@@ -156,8 +156,8 @@ def sim(scenario: str, out: Path | None, overrides: tuple[str, ...], as_json: bo
     for number, section in enumerate(loaded.vehicles):
         if not section.autostart and section.name not in flown:
             echo_warning(
-                f"{section.name} waited for the order takeoff; in a simulation it takes off by "
-                f"itself with --set vehicles.{number}.autostart=true"
+                f"{section.name} waited for a takeoff order; in a simulation, it takes off "
+                f"automatically with --set vehicles.{number}.autostart=true"
             )
 
 
@@ -180,7 +180,9 @@ class RunOptions(ReportOptions):
 @click.argument("config")
 @OUT
 @click.option(
-    "--vehicle", metavar="NAME", help="Control only this vehicle; other processes control the rest."
+    "--vehicle",
+    metavar="NAME",
+    help="Control only this vehicle; other processes control the others.",
 )
 @click.option(
     "--broker",
@@ -201,7 +203,7 @@ class RunOptions(ReportOptions):
     "--skip-unreadable",
     is_flag=True,
     allow_from_autoenv=False,
-    help="On a restart, skip and announce journal lines that cannot be read or applied.",
+    help="On a restart, skip and report journal lines that cannot be read or applied.",
 )
 @OVERRIDE
 @TLOG
@@ -320,5 +322,5 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
         click.echo(f"smallest distance between two vehicles: {closest_m:.0f} m")
     click.echo(
         f"{summary['burned_area_ha']:.0f} ha burned at {summary['mission_time_s'] / 3600:.2f} h; "
-        f"journal, GeoJSON, map and summary in {out}/"
+        f"wrote journal, GeoJSON, map and summary to {out}/"
     )

@@ -98,7 +98,7 @@ SYSTEM = click.option(
 @LINK
 @KEY_NEEDED
 @click.option(
-    "--old-key", metavar="file:PATH|env:NAME", help="Source of the vehicle's present key."
+    "--old-key", metavar="file:PATH|env:NAME", help="Source of the vehicle's current key."
 )
 @SYSTEM
 @TIMEOUT
@@ -172,7 +172,7 @@ def lost_link_show(station_id: int, system_id: int | None, as_json: bool, **link
     "old",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Set the values in FILE, which an earlier change has written.",
+    help="Restore the values in FILE, which was written by an earlier change.",
 )
 @STATION
 @SYSTEM
@@ -193,7 +193,7 @@ def lost_link_set(
     from mission_service.cli.lost_link_parameters import restore, set_wanted
 
     if (wanted is None) == (old is None):
-        raise click.UsageError("give either continue, hold, return or land, or --restore FILE")
+        raise click.UsageError("specify either continue, hold, return or land, or --restore FILE")
     if old is not None:
         result = restore(_line(link), system_id, station_id, old)
     else:

@@ -146,7 +146,7 @@ def _timeout_error(line: Line, client: NativeClient, connection: Connection) -> 
     if client.stack is None and refused:
         return f"{line.link}: no autopilot was accepted within {line.timeout_s:g} s: {refused}"
     problem = "the transfer did not end" if client.stack else "no autopilot was found"
-    remedy = "check that it is running and that this is its port"
+    remedy = "check that the autopilot is running and that this is its port"
     if connection.ports[0].receives_signed:
         remedy = key_missing(line.link)
     return f"{line.link}: {problem} within {line.timeout_s:g} s; {remedy}"

@@ -109,10 +109,10 @@ def mock(scenario: str | None, **values: Any) -> None:
     options = MockOptions(**values)
     vehicle = options.vehicle
     if scenario and options.count > 1:
-        raise click.UsageError("--count is for mocks without a scenario")
+        raise click.UsageError("--count cannot be combined with a scenario")
     if not scenario and vehicle not in (None, "plane", "vtol", "copter"):
         raise click.UsageError(
-            f"--vehicle {vehicle}: without a scenario, give plane, vtol or copter"
+            f"--vehicle {vehicle}: without a scenario, use plane, vtol or copter"
         )
     environment = MockEnvironment(
         read_wind(options.wind),

@@ -223,7 +223,7 @@ def _line(each: dict[str, Any]) -> str:
     cells = f"{each['burned_cells']} cells burned, {each['unburned_cells']} unburned"
     if "hot_pixels" in each:
         share = each["inexact"]
-        inexact = f"; {share:.0%} of the pixels above max_position_sd_m" if share else ""
+        inexact = f"; {share:.0%} of the pixels exceed max_position_sd_m" if share else ""
         return (
             f"{each['file']}: {each['hot_pixels']} hot pixels; {cells}; position ± "
             f"{each['position_sd_m']} m{inexact}; {each['matches']} matches; {each['picture']}"

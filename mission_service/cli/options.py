@@ -23,7 +23,7 @@ def seconds(
 ) -> float | None:
     """Return a finite option value of 0 s or more; raise BadParameter for any other value."""
     if value is not None and not 0.0 <= value < math.inf:
-        raise click.BadParameter(f"{value:g}: give seconds, 0 or more")
+        raise click.BadParameter(f"{value:g}: must be 0 s or more")
     return value
 
 
@@ -32,7 +32,7 @@ def scheduler_address(
 ) -> str | None:
     """Return a valid address of a Dask scheduler; raise BadParameter for any other value."""
     if value is not None and SCHEDULER.fullmatch(value) is None:
-        raise click.BadParameter(f"{value!r}: give HOST:PORT, as in tcp://10.0.0.1:8786")
+        raise click.BadParameter(f"{value!r}: must be HOST:PORT, as in tcp://10.0.0.1:8786")
     return value
 
 
@@ -45,7 +45,7 @@ class Folder(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the path; refuse empty text, which ``Path`` treats as the working folder."""
         if value == "":
-            self.fail("is empty; give a folder, or . for the working folder", param, ctx)
+            self.fail("is empty; specify a folder, or . for the working folder", param, ctx)
         return super().convert(value, param, ctx)
 
 
@@ -66,7 +66,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as
 OUT = click.option("--out", type=Folder(), default=Path("out"))
 OUT_REQUIRED = click.option("--out", type=Folder(), required=True)
 OUT_NEW = click.option(
-    "--out", type=Folder(), help="Default: a new folder with name and time, out/SCENARIO-TIME."
+    "--out", type=Folder(), help="Default: a new folder named out/SCENARIO-TIME."
 )
 OUT_FOLDER = click.option("-o", "--out", type=Folder(), required=True, metavar="DIR")
 SIGNING_KEY = click.option(
@@ -202,7 +202,7 @@ def report_address(out: Path, address: str, fragment: str = "") -> None:
     else:
         url, own_token, _ = address.partition("#")
         source = (
-            f"its token is in {out / 'token'}" if own_token else "use a token of the tokens file"
+            f"its token is in {out / 'token'}" if own_token else "use a token from the tokens file"
         )
         shown = f"{url}#{fragment}" if fragment else url
         click.echo(f"map: {shown} ({source})", err=True)
@@ -225,6 +225,7 @@ def aware_time(
         found = None
     if found is None or found.tzinfo is None:
         raise click.BadParameter(
-            f"{value!r}: give a date, a time and a UTC offset, such as 2026-08-01T14:00-06:00"
+            f"{value!r}: must contain a date, a time and a UTC offset, such as "
+            "2026-08-01T14:00-06:00"
         )
     return found

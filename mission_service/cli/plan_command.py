@@ -57,12 +57,12 @@ def plan(
     after takeoff, without aircraft and with each number of aircraft.
     """
     if counts is not None and fence:
-        raise click.UsageError("--what-if writes no mission, so it has no --fence")
+        raise click.UsageError("--what-if writes no mission and cannot be combined with --fence")
     if counts is not None:
         _what_if(scenario, vehicle, counts, minutes, output, overrides, as_json)
         return
     if output is None:
-        raise click.UsageError("give the .plan file to write (-o), or --what-if")
+        raise click.UsageError("specify the .plan file to write (-o), or --what-if")
     from mission_service.simulation.demo import write_plan
 
     written = write_plan(scenario, vehicle, output, overrides, fence)
@@ -117,9 +117,9 @@ def check_picture(path: Path) -> None:
     try:
         check_target(path)
     except OSError as error:
-        raise OptionError(f"-o {path}: {error.strerror}; give the path of a PNG file") from None
+        raise OptionError(f"-o {path}: {error.strerror}; specify the path of a PNG file") from None
     if path.suffix.lower() != ".png":
-        raise OptionError(f"-o {path}: the picture is a PNG; give a name that ends with .png")
+        raise OptionError(f"-o {path}: the picture is a PNG; use a name that ends in .png")
 
 
 def _numbers(counts: str) -> list[int]:
@@ -127,6 +127,6 @@ def _numbers(counts: str) -> list[int]:
     words = [word.strip() for word in counts.split(",")]
     if not all(word.isdecimal() and word.isascii() for word in words):
         raise OptionError(
-            f"--what-if {counts}: give numbers of aircraft, e.g. SCENARIO --what-if 1,2,4"
+            f"--what-if {counts}: specify numbers of aircraft, e.g. SCENARIO --what-if 1,2,4"
         )
     return sorted({0, *(int(word) for word in words)})

@@ -48,17 +48,18 @@ class ReplayOptions(ReportOptions):
     def check(self, words: tuple[str, ...]) -> None:
         """Raise UsageError for options and arguments that are mutually exclusive."""
         if self.verify and self.changes:
-            raise click.UsageError("give either --verify or --what-if")
+            raise click.UsageError("--verify and --what-if cannot be combined")
         if self.stages and not self.verify:
-            raise click.UsageError("--stage is for --verify")
+            raise click.UsageError("--stage requires --verify")
         if (self.verify or self.changes) and (self._of_logs() or self.speed):
             raise click.UsageError(
-                "--verify and --what-if need a whole journal and exclude the other options"
+                "--verify and --what-if need a complete journal and cannot be combined with "
+                "other options"
             )
         if self.verify and (len(words) > 1 or self.out is not None):
             raise click.UsageError("--verify needs one journal and writes no files")
         if self.speed is None and (self.listen or self.until_end or self.log):
-            raise click.UsageError("--listen, --until-end and --log are for --speed")
+            raise click.UsageError("--listen, --until-end and --log require --speed")
 
     def _of_logs(self) -> bool:
         given = (self.scenario, self.rule, self.from_s, self.overrides)
@@ -73,7 +74,7 @@ class ReplayOptions(ReportOptions):
 @click.option("--planner", "rule", metavar="RULE", help="Planner rule (default: the scenario's).")
 @seconds_option("--at", "Mission time at which the logs begin.")
 @seconds_option("--from", "Start of the replay, in seconds after the start of the flight.")
-@seconds_option("--to", "End of the replay, counted like --from.")
+@seconds_option("--to", "End of the replay, in seconds after the start of the flight.")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for files.")
 @click.option("--verify", is_flag=True, help="Recompute a journal, stage by stage.")
 @click.option(
@@ -176,7 +177,7 @@ def _batch(
         return
     click.echo(in_text([figures]))
     if files:
-        click.echo(f"{', '.join(files)} in {out}/")
+        click.echo(f"Wrote {', '.join(files)} to {out}/")
 
 
 def _verify(journal: Path, stages: tuple[str, ...], as_json: bool) -> None:
@@ -210,4 +211,4 @@ def _what_if(journal: Path, words: tuple[str, ...], out: Path, as_json: bool) ->
     if as_json:
         click.echo(json.dumps({**asdict(found), "out": str(out)}))
     else:
-        click.echo(f"{in_text(found)}\nreport, journal, GeoJSON, map and summary in {out}/")
+        click.echo(f"{in_text(found)}\nWrote report, journal, GeoJSON, map and summary to {out}/")

@@ -29,7 +29,9 @@ def speed_of(text: str) -> "Speed":
     try:
         return "max" if text == "max" else checked_speed(float(text))
     except (ValueError, RequestError):
-        raise click.BadParameter(f"{text}: from 0.1 to 100, or max", param_hint="--speed") from None
+        raise click.BadParameter(
+            f"{text}: must be 0.1 to 100, or max", param_hint="--speed"
+        ) from None
 
 
 def played(flight: "Flight", choice: "ScenarioChoice") -> "tuple[Pairing, ServiceSection]":
@@ -92,7 +94,7 @@ def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "Repla
     if options.as_json:
         click.echo(json.dumps(summary))
     elif out is not None:
-        click.echo(f"journal, GeoJSON, map and summary in {out}/")
+        click.echo(f"Wrote journal, GeoJSON, map and summary to {out}/")
 
 
 def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection":

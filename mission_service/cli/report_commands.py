@@ -76,7 +76,7 @@ def report(
     if as_json:
         click.echo(json.dumps([figures_of(analysis) for analysis in analyses]))
     else:
-        click.echo(f"{', '.join(files)} in {out}/")
+        click.echo(f"Wrote {', '.join(files)} to {out}/")
 
 
 @click.command()
@@ -120,8 +120,8 @@ def products(
     journal = journal_in(source)
     if not journal.is_file():
         raise RequestError(
-            f"{source}: contains no {journal.name}; give the folder or the journal of run, demo, "
-            "sim or replay"
+            f"{source}: contains no {journal.name}; specify the folder or the journal of run, "
+            "demo, sim or replay"
         )
     if out.resolve() == journal.parent.resolve():
         raise RequestError(
@@ -137,7 +137,7 @@ def products(
         click.echo(
             f"{incident.name}, {incident.in_words(incident.at_s)}: {incident.acres:,.0f} acres"
         )
-        click.echo(f"{', '.join(files)} in {out}/")
+        click.echo(f"Wrote {', '.join(files)} to {out}/")
 
 
 @click.command()

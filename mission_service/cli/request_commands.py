@@ -83,7 +83,7 @@ def only_station(client: Any) -> str:
 
     stations = client.ask(do="status")["status"].get("stations", ())
     if len(stations) > 1:
-        raise RequestError(f"give your station with --station: {', '.join(stations)}")
+        raise RequestError(f"specify your station with --station: {', '.join(stations)}")
     return str(stations[0]) if stations else "control"
 
 
@@ -245,7 +245,7 @@ def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str,
             fields["shape"] = "point" if len(fields["points"]) == 1 else "line"
         case "person":
             if fields.pop("gone") == ("radius_m" in fields):
-                raise click.UsageError("give either --radius or --gone")
+                raise click.UsageError("specify either --radius or --gone")
             fields.setdefault("radius_m", 0.0)
         case "reject":
             fields["hash"] = proposed_plan(status(), fields["hash"])[1]
@@ -270,9 +270,9 @@ def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
     from mission_service.ignition_plan import IgnitionPlan, plan_hash
 
     if "plans" not in status:
-        raise RequestError("only in a burn: this run has no plans")
+        raise RequestError("this run has no plans; plans exist only in a burn")
     if len(digits) < 8:
-        raise RequestError(f"{digits}: give at least the first 8 digits of the plan's hash")
+        raise RequestError(f"{digits}: specify at least the first 8 digits of the plan's hash")
     found = [each for each in status["plans"] if each["plan_hash"].startswith(digits.lower())]
     if len(found) != 1:
         hashes = ", ".join(each["plan_hash"][:12] for each in status["plans"]) or "none"
@@ -293,7 +293,7 @@ def _refuse_not_finite(do: str, fields: dict[str, Any]) -> None:
         try:
             json.dumps(value, allow_nan=False)
         except ValueError:
-            raise RequestError(f"{do}: {name} = {value}: give a finite number") from None
+            raise RequestError(f"{do}: {name} = {value}: must be a finite number") from None
 
 
 def _items(items: list[str], text: str) -> list[str]:

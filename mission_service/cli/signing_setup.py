@@ -70,7 +70,7 @@ def _failure(link: str, system: int, connection: Connection, signing: Signing | 
     if signing is None:
         return f"{vehicle} still signs, or does not answer; check its key, and that it is disarmed"
     if counts.wrong:
-        return f"{vehicle} signs with another key; give that key with --old-key"
+        return f"{vehicle} signs with another key; specify that key with --old-key"
     if counts.unsigned:
         return (
             f"{vehicle} received the key but does not sign; check that it is disarmed and that "

@@ -30,7 +30,7 @@ def _duration_option(
         low_s, high_s = limits_s
         if not low_s <= value * unit_s <= high_s:
             low, high = low_s / unit_s, high_s / unit_s
-            raise click.BadParameter(f"{value:g}: give a number from {low:g} to {high:g}")
+            raise click.BadParameter(f"{value:g}: must be a number from {low:g} to {high:g}")
         return math.ceil(value * unit_s)
 
     return click.option(
@@ -65,9 +65,9 @@ def sortie() -> None:
     type=click.IntRange(0, 100),
     default=1,
     show_default=True,
-    help="Number of batteries that can be charged at a time.",
+    help="Number of batteries that can be charged at the same time.",
 )
-@_duration_option("--charge-min", 60.0, (0, DAY_S), 60.0, "Time of a charge.")
+@_duration_option("--charge-min", 60.0, (0, DAY_S), 60.0, "Charging time of a battery.")
 @_duration_option(
     "--swap-min",
     60.0,
@@ -174,8 +174,8 @@ def _watch(
     if needed != batteries.keys():
         kinds = " and ".join(sorted(needed))
         raise OptionError(
-            f"--batteries: the vehicles of {scenario.name} need the batteries of {kinds}; "
-            f"give {','.join(f'{kind}=NUMBER' for kind in sorted(needed))}"
+            f"--batteries: the vehicles of {scenario.name} need batteries for {kinds}; specify "
+            f"{','.join(f'{kind}=NUMBER' for kind in sorted(needed))}"
         )
     return Watch(
         aircraft=aircraft,
@@ -199,8 +199,8 @@ def _pools(text: str) -> int | dict[str, int]:
         return int(parts[0][2])
     if not valid or len(set(kinds)) < len(kinds) or not set(kinds) <= {"plane", "vtol", "copter"}:
         raise OptionError(
-            f"--batteries {text}: give a number from 1 to {MAX_BATTERIES}, or a number for each "
-            "kind, e.g. plane=4,copter=2"
+            f"--batteries {text}: specify a number from 1 to {MAX_BATTERIES}, or a number for "
+            "each kind, e.g. plane=4,copter=2"
         )
     return {kind: int(n) for kind, (_, _, n) in zip(kinds, parts, strict=True)}
 
@@ -213,7 +213,7 @@ def _position(text: str, landscape: "Landscape") -> tuple[float, float]:
     except ValueError:
         valid = False
     if not valid:
-        raise OptionError(f"--task {text}: give LAT,LON in degrees, e.g. --task 36.364,-84.141")
+        raise OptionError(f"--task {text}: specify LAT,LON in degrees, e.g. --task 36.364,-84.141")
     found = landscape.xy_of_lat_lon(lat_deg, lon_deg)
     if not landscape.contains(*found):
         raise OptionError(f"--task {text}: the position is outside the landscape")

@@ -30,7 +30,7 @@ class AreaSection(Section):
         circle = (self.lat_deg, self.lon_deg, self.radius_m)
         given = [value is not None for value in circle]
         if any(given) != all(given) or any(given) == (self.corners is not None):
-            raise ValueError("give either corners, or lat_deg, lon_deg and radius_m")
+            raise ValueError("specify either `corners`, or lat_deg, lon_deg and radius_m")
         return self
 
 
@@ -51,7 +51,7 @@ class ClosedVolume(AreaSection):
     def _consistent(self) -> "ClosedVolume":
         for low, high in (("floor_amsl_m", "floor_agl_m"), ("ceiling_amsl_m", "ceiling_agl_m")):
             if getattr(self, low) is not None and getattr(self, high) is not None:
-                raise ValueError(f"give only one of {low} and {high}")
+                raise ValueError(f"specify only one of {low} and {high}")
         for reference in ("amsl", "agl"):
             floor_m = getattr(self, f"floor_{reference}_m")
             ceiling_m = getattr(self, f"ceiling_{reference}_m")

@@ -83,24 +83,28 @@ class LandscapeSection(Section):
         if self.source != "flat":
             self._refuse(("lat_deg", "lon_deg", "elevation_m", "fuel_model"))
         elif self.lat_deg is None or self.lon_deg is None:
-            raise ValueError('source = "flat" needs lat_deg and lon_deg, the centre of the grid')
+            raise ValueError('source = "flat" requires lat_deg and lon_deg, the centre of the grid')
         if self.source != "files":
             if self.file or self.layers:
                 raise ValueError('raster files require source = "files"')
             self._refuse(RASTER_KEYS)
         elif (self.file is None) == (not self.layers):
-            raise ValueError('source = "files" needs either file, or fuel and the other layers')
+            raise ValueError(
+                'source = "files" requires `file`, or `fuel` together with the other layers'
+            )
         else:
             self._refuse(("rows", "cols", "cell_size_m"))
         if self.bands and self.file is None:
-            raise ValueError("bands requires file, a raster stack")
+            raise ValueError("`bands` requires `file`, a raster stack")
         return self
 
     def _refuse(self, keys: tuple[str, ...]) -> None:
         """Raise ValueError for a key that has no effect with this source."""
         for key in keys:
             if getattr(self, key) != type(self).model_fields[key].default:
-                raise ValueError(f'{key} has no effect with source = "{self.source}"; leave it out')
+                raise ValueError(
+                    f'`{key}` has no effect with source = "{self.source}"; leave it out'
+                )
 
 
 class FuelMoisture(Section):
@@ -166,7 +170,7 @@ class Ignition(Section):
     def _one_of_both(self) -> "Ignition":
         point = (self.lat_deg is not None, self.lon_deg is not None)
         if any(point) != all(point) or (self.file is None) != all(point):
-            raise ValueError("give either lat_deg and lon_deg, or file")
+            raise ValueError("specify either lat_deg and lon_deg, or `file`")
         return self
 
 
@@ -186,7 +190,7 @@ class SuppressionLine(Section):
     @model_validator(mode="after")
     def _one_of_both(self) -> "SuppressionLine":
         if (self.points is None) == (self.file is None):
-            raise ValueError("give either points or file")
+            raise ValueError("specify either `points` or `file`")
         return self
 
 
@@ -227,21 +231,21 @@ class FireSection(Section):
     @model_validator(mode="after")
     def _one_fire(self) -> "FireSection":
         if self.perimeter is not None and self.arrival is not None:
-            raise ValueError("give either perimeter or arrival, not both")
+            raise ValueError("specify either `perimeter` or `arrival`, not both")
         for name in ("repair_perimeter", "perimeter_feature"):
             if getattr(self, name) and self.perimeter is None:
-                raise ValueError(f"{name} has no effect without perimeter; leave it out")
+                raise ValueError(f"{name} has no effect without `perimeter`; leave it out")
         if self.crown != "none" and self.scheme == "probabilistic":
-            raise ValueError('crown has no effect with scheme = "probabilistic"; leave it out')
+            raise ValueError('`crown` has no effect with scheme = "probabilistic"; leave it out')
         if self.acceleration and self.scheme == "probabilistic":
-            raise ValueError('acceleration has no effect with scheme = "probabilistic"')
+            raise ValueError('`acceleration` has no effect with scheme = "probabilistic"')
         if self.spotting and (self.crown == "none" or self.scheme != "anyangle"):
-            raise ValueError('spotting requires crown and scheme = "anyangle"')
+            raise ValueError('`spotting` requires `crown` and scheme = "anyangle"')
         if self.initial_cells is not None:
             if self.scheme != "probabilistic":
-                raise ValueError('initial_cells needs scheme = "probabilistic"')
+                raise ValueError('initial_cells requires scheme = "probabilistic"')
             if self.perimeter is not None or self.arrival is not None:
-                raise ValueError("give either initial_cells or perimeter or arrival")
+                raise ValueError("specify only one of initial_cells, `perimeter` and `arrival`")
         return self
 
 
@@ -335,7 +339,7 @@ class ThermalVideoSection(ThermalCameraSection):
         if grey_range_c is not None and grey_range_c[0] >= grey_range_c[1]:
             raise ValueError("grey_level_range_c needs a lower and a higher temperature")
         if grey_range_c is not None and self.hot_level is not None:
-            raise ValueError("give either grey_level_range_c or hot_level")
+            raise ValueError("specify either grey_level_range_c or hot_level")
         return self
 
 
@@ -361,7 +365,7 @@ class ObservationFilesSection(Section):
         try:
             ZoneInfo(name)
         except (ZoneInfoNotFoundError, ValueError, OSError):
-            raise ValueError(f"unknown time zone {name!r}; give a name such as UTC") from None
+            raise ValueError(f"unknown time zone {name!r}; use a name such as UTC") from None
         return name
 
     @model_validator(mode="after")

@@ -50,18 +50,22 @@ def refuse_relief(scenario: "Scenario", relief: ReliefSection) -> None:
     """Raise ValueError for vehicles that cannot relieve each other."""
     if not scenario.way.relieves:
         raise ValueError(
-            f"[relief] needs a rule with a separate planner for each vehicle, not "
+            "[relief] requires a rule with a separate planner for each vehicle, not "
             f"{scenario.planner.rule}; set planner.rule, for example to predictive"
         )
     if scenario.only is not None:
-        raise ValueError("[relief] needs all its vehicles in one process: remove only")
+        raise ValueError("[relief] requires all its vehicles in one process; remove the key `only`")
     if scenario.mission.approval == "each":
-        raise ValueError('[relief] needs mission.approval = "none": reliefs do not wait')
+        raise ValueError(
+            '[relief] requires mission.approval = "none", because reliefs do not wait for approval'
+        )
     by_name = {vehicle.name: vehicle for vehicle in scenario.vehicles}
     for name in relief.vehicles:
         if name not in by_name:
             listed = f"{', '.join(by_name)}{did_you_mean(name, by_name)}"
-            raise ValueError(f"relief.vehicles: no vehicle {name}; it has {listed}")
+            raise ValueError(
+                f"relief.vehicles: there is no vehicle {name}; the scenario has {listed}"
+            )
     first = by_name[relief.vehicles[0]]
     for name in relief.vehicles[1:]:
         for key in ("kind", "airspeed_m_s", "turn_radius_m"):  # their planners use these values
@@ -69,5 +73,5 @@ def refuse_relief(scenario: "Scenario", relief: ReliefSection) -> None:
             if own != other:
                 raise ValueError(
                     f"relief.vehicles: {key} is {other} for {name}, but {own} for {first.name}; "
-                    f"give all vehicles of the task the same {key}"
+                    f"use the same {key} for all vehicles of the task"
                 )

@@ -79,8 +79,8 @@ def way_named(rule: str) -> Way:
     found = list(entry_points(group=GROUP, name=rule))
     if own is not None and found:
         raise ValueError(
-            f"{_described(found[0])} has the name of a rule of this service; rename its rule, or "
-            "uninstall the package"
+            f"{_described(found[0])} has the name of a rule of this service; rename the rule of "
+            "the package, or uninstall the package"
         )
     if own is not None:
         return own
@@ -97,7 +97,9 @@ def _of_another_package(point: EntryPoint) -> Way:
     """Return the way of flying at an entry point. Raises ValueError."""
     where = _described(point)
     if re.fullmatch(NAME, point.name) is None:
-        raise ValueError(f"{where}: the name of a rule has only lower-case letters, digits and _")
+        raise ValueError(
+            f"{where}: the name of a rule may contain only lower-case letters, digits and _"
+        )
     try:
         way: Way = point.load()
     except (Exception, SystemExit) as error:  # imports of other packages may raise any exception

@@ -63,7 +63,7 @@ MAX_ERRORS = 6  # in one message
 
 def _in_use(time: datetime) -> datetime:
     if not 1900 <= time.year <= 2200:
-        raise ValueError("give a year from 1900 to 2200")
+        raise ValueError("use a year from 1900 to 2200")
     return time
 
 
@@ -112,19 +112,22 @@ class Scenario(Section):
         if len(set(names)) != len(names):
             raise ValueError(f"vehicles must have different names, got {', '.join(names)}")
         if (self.weather_file is None) == (not self.weather):
-            raise ValueError("give either weather entries or a weather_file")
+            raise ValueError("specify either weather entries or a weather_file")
         if self.wind_grids is not None and self.terrain_wind is not None:
-            raise ValueError("give either wind_grids or terrain_wind, not both")
+            raise ValueError("specify either wind_grids or terrain_wind, not both")
         if self.only is not None and self.only not in names:
             meant = did_you_mean(self.only, names)
             raise ValueError(
-                f"only: no vehicle {self.only}; the scenario has {', '.join(names)}{meant}"
+                f"`only`: there is no vehicle {self.only}; the scenario has "
+                f"{', '.join(names)}{meant}"
             )
         _refuse_shared_ports(self.vehicles)
         if self.fire.initial_cells is not None and not self.ignition:
             raise ValueError("fire.initial_cells needs an ignition, from which the fire grows")
         if self.fire.acceleration and self.burn is not None:
-            raise ValueError("fire.acceleration: not with [burn], which lights many fires")
+            raise ValueError(
+                "fire.acceleration cannot be combined with [burn], which lights many fires"
+            )
         self.way.check(self)
         if self.surveillance is not None:
             _refuse_resolution(self, self.surveillance.resolution)
@@ -169,7 +172,9 @@ class Scenario(Section):
 def _refuse_resolution(scenario: Scenario, resolution: str) -> None:
     """Raise ValueError for a conflict resolution that the vehicles cannot fly."""
     if resolution != "none" and scenario.burn_flown is not None:
-        raise ValueError('surveillance.resolution must be "none" in a burn: operators abort')
+        raise ValueError(
+            'surveillance.resolution must be "none" in a burn, because operators abort'
+        )
     for vehicle in scenario.vehicles:
         if resolution == "descend" and vehicle.backend == "mavsdk":
             raise ValueError(
@@ -344,7 +349,7 @@ def own_table(scenario: Scenario, section: type[S]) -> S:
         return found if isinstance(found, section) else section()
     except ValidationError:
         rule = scenario.planner.rule
-        raise ScenarioError(f"{scenario.name}: rule {rule} needs its table [{rule}]") from None
+        raise ScenarioError(f"{scenario.name}: rule {rule} requires the table [{rule}]") from None
 
 
 def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...] = ()) -> Any:
@@ -404,7 +409,7 @@ def with_signing_key(scenario: Scenario, source: str) -> Scenario:
     Raises ScenarioError for an invalid key source.
     """
     if re.fullmatch(KEY_SOURCE, source) is None:
-        raise ScenarioError("signing key: give its source as file:PATH or env:NAME")
+        raise ScenarioError("signing key: specify its source as file:PATH or env:NAME")
     keyed = (vehicle.model_copy(update={"signing_key": source}) for vehicle in scenario.vehicles)
     return scenario.model_copy(update={"vehicles": tuple(keyed)})
 
@@ -419,7 +424,7 @@ def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -
     names = [section.name for section in scenario.vehicles]
     if vehicle is not None and vehicle not in names:
         listed = f"{', '.join(names)}{did_you_mean(vehicle, names)}"
-        raise ScenarioError(f"--vehicle {vehicle}: {scenario.name} has {listed}")
+        raise ScenarioError(f"--vehicle {vehicle}: no such vehicle; {scenario.name} has {listed}")
     if peer_messaging and not scenario.way.messages_peers:
         able = " or ".join(f'"{rule}"' for rule, way in own_ways().items() if way.messages_peers)
         raise ScenarioError(
@@ -436,8 +441,8 @@ def flying(scenario: Scenario) -> Scenario:
     needs_ignition = scenario.planner.ignition_known and scenario.burn_flown is None
     if needs_ignition and not (scenario.ignition and scenario.ignition[0].lat_deg is not None):
         raise ScenarioError(
-            f"{scenario.name}: the planner needs the fire's position: give lat_deg and lon_deg of "
-            "the first ignition, or set planner.ignition_known = false, reported_lat_deg and "
+            f"{scenario.name}: the planner needs the fire's position: specify lat_deg and lon_deg "
+            "of the first ignition, or set planner.ignition_known = false, reported_lat_deg and "
             "reported_lon_deg"
         )
     return scenario

@@ -41,7 +41,7 @@ class Section(BaseModel):
             return found
         if isinstance(given, bool):
             raise PydanticKnownError("float_type")
-        raise ValueError("contains true or false instead of a number; give a number")
+        raise ValueError("contains true or false instead of a number")
 
 
 def _boolean_became_number(given: Any, found: Any) -> bool:

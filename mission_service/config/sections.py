@@ -58,8 +58,8 @@ class PlannerSection(Section):
         reported = (self.reported_lat_deg is not None, self.reported_lon_deg is not None)
         if not self.ignition_known and not all(reported):
             raise ValueError(
-                "ignition_known = false needs reported_lat_deg and reported_lon_deg, "
-                "a point inside the fire"
+                "ignition_known = false requires reported_lat_deg and reported_lon_deg, a point "
+                "inside the fire"
             )
         return self
 
@@ -192,7 +192,7 @@ class BurnSection(Section):
     @model_validator(mode="after")
     def _consistent(self) -> "BurnSection":
         if (self.unit is None) == (self.unit_file is None):
-            raise ValueError("give either unit (corners) or unit_file")
+            raise ValueError("specify either `unit` (its corners) or unit_file")
         if self.safe_height_m <= self.drop_height_m:
             raise ValueError("safe_height_m must be more than drop_height_m")
         min_m = self.speed_m_s * 60.0 / self.max_drops_per_min
@@ -338,15 +338,15 @@ class VehicleSection(Section):
     @model_validator(mode="after")
     def _vtol_is_native(self) -> "VehicleSection":
         if self.kind == "vtol" and self.backend != "native":
-            raise ValueError('kind = "vtol" needs backend = "native"')
+            raise ValueError('kind = "vtol" requires backend = "native"')
         return self
 
     @model_validator(mode="after")
     def _reaction_exists(self) -> "VehicleSection":
         if self.is_arduplane and self.lost_link in ("hold", "land"):
             raise ValueError(
-                f'an ArduPlane has no reaction lost_link = "{self.lost_link}"; '
-                'give "continue" or "return"'
+                f'ArduPlane has no reaction lost_link = "{self.lost_link}"; use "continue" or '
+                '"return"'
             )
         return self
 
@@ -355,7 +355,7 @@ class VehicleSection(Section):
     def _key_is_source(cls, source: str | None) -> str | None:
         if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
             raise ValueError(
-                'give the source of the key, as "file:PATH" or "env:NAME"; '
+                'specify the source of the key, as "file:PATH" or "env:NAME"; '
                 "the key itself must not be in a scenario, because journals contain the scenario"
             )
         return source

@@ -48,7 +48,7 @@ class HttpSection(Section):
             raise ValueError("TLS requires both tls_certificate and tls_key")
         if self.host not in LOOPBACK and (self.tokens is None or self.tls_certificate is None):
             raise ValueError(
-                f"listen = {self.listen!r} is not a loopback address: give tokens, "
+                f"listen = {self.listen!r} is not a loopback address: set `tokens`, "
                 "tls_certificate and tls_key, or listen on 127.0.0.1"
             )
         return self
@@ -91,7 +91,7 @@ class MqttSection(Section):
 
 def _password_source(source: str | None) -> str | None:
     if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
-        raise ValueError('give the source of the password, as "file:PATH" or "env:NAME"')
+        raise ValueError('specify the source of the password, as "file:PATH" or "env:NAME"')
     return source
 
 
@@ -164,7 +164,7 @@ class CotSection(Section):
         is_udp = self.data_package is None and self.scheme == "udp"
         if receives and is_udp and not _is_multicast(self.host):
             raise ValueError(
-                f"no events arrive from {self.url}: give a TAK server (tcp:// or tls://) or a "
+                f"no events arrive from {self.url}: use a TAK server (tcp:// or tls://) or a "
                 'multicast group, such as "udp://239.2.3.1:6969"'
             )
         return self
@@ -280,7 +280,7 @@ class ServiceSection(Section):
     @classmethod
     def _false_is_none(cls, http: object) -> object:
         if http is True:
-            raise ValueError("write false, or a table [service.http]")
+            raise ValueError("use false, or a table [service.http]")
         return None if http is False else http
 
     @field_validator("alarm_receivers")
@@ -291,5 +291,5 @@ class ServiceSection(Section):
         names = [each.name for each in receivers]
         for name in names:
             if names.count(name) > 1:
-                raise ValueError(f"two receivers have the name {name!r}; give each its own name")
+                raise ValueError(f"two receivers have the name {name!r}; use different names")
         return receivers

@@ -21,7 +21,7 @@ def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
         if len(section.links) > len(set(map(_place_of, section.links))):
             raise ScenarioError(
                 f"{section.name}: link ({section.link}) and backup_link ({section.backup_link}) "
-                "open the same port: give it separate ports"
+                "open the same port: specify separate ports"
             )
     for place, together in of_link.items():
         for number, section in enumerate(together[1:], start=1):
@@ -30,7 +30,7 @@ def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
                 if other.system_id == section.system_id:
                     raise ScenarioError(
                         f"{other.name} and {section.name} have the system id {section.system_id} "
-                        f"on one link, {_link_at(section, place)}: give them different ids "
+                        f"on one link, {_link_at(section, place)}: assign them different ids "
                         "(system_id, and MAV_SYS_ID or SYSID_THISMAV of the autopilot), or "
                         "separate links"
                     )
@@ -63,7 +63,7 @@ def _refuse_equal_ids(together: list[VehicleSection]) -> None:
         if other is not section:
             raise ScenarioError(
                 f"{other.name} and {section.name} have the system id {section.system_id}, and "
-                "share their links with the same vehicles: give them different ids (system_id)"
+                "share their links with the same vehicles: assign them different ids (system_id)"
             )
 
 
@@ -88,8 +88,8 @@ def _refuse(first: VehicleSection, section: VehicleSection, place: str) -> None:
     both = f"{first.name} and {section.name} share the link {link}"
     if first_link != link:
         raise ScenarioError(
-            f"{first.name} ({first_link}) and {section.name} ({link}) open the same port: "
-            "give both the same link, or separate ports"
+            f"{first.name} ({first_link}) and {section.name} ({link}) open the same port: specify "
+            "the same link for both, or separate ports"
         )
     if "mavsdk" in (first.backend, section.backend):
         raise ScenarioError(f'{both}: with backend = "mavsdk" each vehicle needs a separate link')

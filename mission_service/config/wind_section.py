@@ -26,7 +26,7 @@ class WindFilePair(Section):
     @model_validator(mode="after")
     def _one_time(self) -> "WindFilePair":
         if self.at_s is not None and self.time is not None:
-            raise ValueError("give either at_s or time")
+            raise ValueError("specify either at_s or `time`")
         return self
 
 
@@ -53,9 +53,9 @@ class WindGridsSection(Section):
     @model_validator(mode="after")
     def _one_source(self) -> "WindGridsSection":
         if (self.path is None) == (not self.pairs):
-            raise ValueError("give either path or pairs")
+            raise ValueError("specify either `path` or `pairs`")
         if self.at_s and self.path is None:
-            raise ValueError("at_s has no effect with pairs; give at_s or time in each of them")
+            raise ValueError("at_s has no effect with `pairs`; specify at_s or `time` in each pair")
         return self
 
 
@@ -80,5 +80,5 @@ class TerrainWindSection(Section):
     @model_validator(mode="after")
     def _whole_position(self) -> "TerrainWindSection":
         if (self.station_lat_deg is None) != (self.station_lon_deg is None):
-            raise ValueError("give both station_lat_deg and station_lon_deg, or none")
+            raise ValueError("specify both station_lat_deg and station_lon_deg, or neither")
         return self

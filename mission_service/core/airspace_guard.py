@@ -376,9 +376,9 @@ class AirspaceGuard:
             return [*self._lowered(vehicle), *self._goes_home(vehicle, fix, airspace)]
         words = f"is inside {conflict}" if inside is not None else f"would enter {conflict}"
         if not self._may_divert(vehicle):
-            why = "it is not under control of the service"
+            why = "it is not under the service's control"
             if not self._diverts:
-                why = "the vehicle of a burn is not diverted"
+                why = "the service does not divert the vehicle of a burn"
             elif vehicle.landing_state.active:
                 why = "it is landing"
             return self._raised(vehicle, f"{words}; {why}")
@@ -390,7 +390,7 @@ class AirspaceGuard:
             if vehicle.due != CHANGED:
                 vehicle.due = vehicle.due or CHANGED
                 vehicle.not_before_s = min(vehicle.not_before_s, at_s)
-            return self._raised(vehicle, f"{words}: a new mission is due")
+            return self._raised(vehicle, f"{words}: a new mission is needed")
         returns = availability.recalled or self.controls_return(vehicle.name)
         commands = self._evade(vehicle, fix, airspace, conflict, at_s, returns)
         return commands or self._raised(vehicle, words, "severe")
@@ -478,17 +478,19 @@ class AirspaceGuard:
         if not _inside(airspace, fix) and airspace.conflict([stays], self._landscape) is None:
             vehicle.drop_upload()
             state.evasion, vehicle.holding = Evasion.HOLD, not (vehicle.ordered or returns)
-            words = f"holds before {conflict}"
+            words = f"holds short of {conflict}"
             if vehicle.availability.mode == "hold":
                 return self._raised(vehicle, words)
             return [*self._raised(vehicle, words), announce(vehicle, words), Hold(vehicle.name)]
         in_mission = vehicle.availability.mode == MISSION
         if returns and in_mission and self._flight_conflict(vehicle, fix, airspace) is None:
             state.evasion = Evasion.HOLD  # this flight is free; a hold might not be
-            return self._raised(vehicle, f"flies on: no way home is free of {conflict}")
+            return self._raised(
+                vehicle, f"continues its mission: every way home would enter {conflict}"
+            )
         leaves = self._evasions.way_out(vehicle, fix, airspace, state)
         if leaves is None:
-            return self._raised(vehicle, f"has no free way out of {conflict}", "severe")
+            return self._raised(vehicle, f"has no clear route out of {conflict}", "severe")
         words = f"leaves {conflict}"
         return [*self._raised(vehicle, words), announce(vehicle, words, warning=True), leaves]
 
@@ -516,7 +518,7 @@ class AirspaceGuard:
             state.acts_again_at_s = at_s + ACTS_AGAIN_S
             vehicle.sent_home = vehicle.waits_for_operator = True
             vehicle.end_intentions()
-            return [announce(vehicle, "the way home is free"), Return(vehicle.name)]
+            return [announce(vehicle, "the way home is clear"), Return(vehicle.name)]
         around = self._evasions.way_home(vehicle, fix, airspace, state) if waits else None
         if around is None:
             return []
@@ -538,7 +540,7 @@ class AirspaceGuard:
         if self._closed_on_way_home(vehicle, fix, airspace):
             return []
         climb = self._return_ground.climb(vehicle, fix, self.return_goal_m(vehicle))
-        words = "accepts no mission home clear of terrain"
+        words = "does not accept a mission home that is clear of terrain"
         if climb is None or self._enters_in_climb(vehicle, fix, climb, airspace):
             return self._raised(vehicle, f"{words}, and its return would be too low", "severe")
         words += f": climbs to {climb.altitude_amsl_m:.0f} m AMSL to return"

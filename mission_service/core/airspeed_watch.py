@@ -36,8 +36,8 @@ def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         return []
     vehicle.airspeed_alarm = True
     words = (
-        f"flies {measured_m_s:.0f} m/s through the air, but its missions command "
-        f"{commanded_m_s:g}: correct its airspeed_m_s, or its autopilot's limits of airspeed"
+        f"its airspeed is {measured_m_s:.0f} m/s, but its missions command {commanded_m_s:g} m/s: "
+        "correct its airspeed_m_s, or its autopilot's airspeed limits"
     )
     return [RaiseAlarm(vehicle.name, AIRSPEED, words, "warning")]
 

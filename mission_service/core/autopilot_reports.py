@@ -19,8 +19,8 @@ OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
 OF_UPLOADS, AFTER_UPLOAD_S = "Auto mission changed, restarted command", 5.0
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
 LINK_CAUSES = {  # why the link in use has changed
-    "silent": "the link used before is silent",
-    "loss": "the link used before loses frames",
+    "silent": "the previous link is silent",
+    "loss": "the previous link loses frames",
     "recovered": "this link works again",
 }
 LANDED, THRUST, ONE_LINK, REMOTE_ID = "landed", "thrust", "one_link", "remote_id"
@@ -47,8 +47,8 @@ def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
             return []
         case events.ThrustStatusChanged():
             failed = vehicle.availability.airborne and not event.sufficient
-            sinks = f"sinks by {-event.climb_m_s:g} m/s at {event.throttle_percent} % of throttle"
-            words = f"{sinks}: engine failure, ice or a downdraught; no command is sent for it"
+            sinks = f"sinks at {-event.climb_m_s:g} m/s with {event.throttle_percent} % throttle"
+            words = f"{sinks}: engine failure, icing or downdraught; the service sends no command"
             return _alarm(vehicle, THRUST, failed, words, "severe")
         case events.LinksReported() if len(event.links) > 1:
             return _links(vehicle, event)
@@ -59,7 +59,7 @@ def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
             # After a landing, the autopilot disarms.
             lands = mode in GOING_HOME or vehicle.landing_state.active
             down = vehicle.availability.airborne and event.state == "on ground" and not lands
-            words = f"on the ground in {named_mode(mode)}, and armed"
+            words = f"armed on the ground in {named_mode(mode)}"
             return _alarm(vehicle, LANDED, down, words, "severe")
         case _:
             return []
@@ -120,7 +120,7 @@ def _links(vehicle: Vehicle, event: events.LinksReported) -> list[AnyCommand]:
     before, vehicle.silent_links = vehicle.silent_links, silent
     commands: list[AnyCommand] = []
     if event.cause:
-        sent = f"messages are sent over {event.in_use} now: {LINK_CAUSES[event.cause]}"
+        sent = f"messages are now sent over {event.in_use}: {LINK_CAUSES[event.cause]}"
         commands.append(announce(vehicle, sent))
     if silent == before:
         return commands

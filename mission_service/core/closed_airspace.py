@@ -33,8 +33,8 @@ class ClosedAirspace:
         at_s = event.at_us / 1e6
         left = tuple(volume for volume in self.volumes if at_s < volume.until_s)
         if any(volume.name == event.name for volume in left):
-            exists = f"a closed volume {event.name!r} exists already"
-            return f"{REJECTED} {exists}: open it first, or give another name"
+            exists = f"a closed volume {event.name!r} already exists"
+            return f"{REJECTED} {exists}: open it first, or choose another name"
         try:
             area_m = polygon_of(event.name, event.corners, self._landscape)
         except ScenarioError as error:
@@ -51,7 +51,7 @@ class ClosedAirspace:
         left = tuple(volume for volume in self.volumes if volume.name != event.name)
         if len(left) == len(self.volumes):
             names = ", ".join(repr(volume.name) for volume in self.volumes) or "none"
-            return f"{REJECTED} no closed volume {event.name!r}; closed are: {names}"
+            return f"{REJECTED} no closed volume {event.name!r}; closed volumes: {names}"
         self.volumes = left
         return f"airspace {event.name!r} opened by {event.by}"
 

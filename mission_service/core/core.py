@@ -538,7 +538,7 @@ class Core:
         """End a start that has not taken effect; the next start needs an order or an approval."""
         vehicle.waits_for_operator |= not self._way.prescribed
         why = f"{named_mode(vehicle.availability.mode)} was not ordered"
-        chosen = f"start ended: {why}, selected by its autopilot or pilot"
+        chosen = f"start cancelled: {why}, but selected by its autopilot or pilot"
         words = announce(vehicle, f"{chosen}; {WAITS}", warning=True)
         return [*self._end_intentions(vehicle, why), words]
 
@@ -574,7 +574,7 @@ class Core:
         vehicle.waits_for_operator |= was.airborne
         self.traffic.forget(vehicle.name)
         waits = "it waits for an operator's order to start"
-        then = waits if vehicle.waits_for_operator else "a mission is sent"
+        then = waits if vehicle.waits_for_operator else "a new mission is sent"
         words = announce(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
 

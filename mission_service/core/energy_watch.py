@@ -155,8 +155,8 @@ def _low(vehicle: Vehicle, found: EnergyEstimate | None) -> list[AnyCommand]:
     if state.low == before or found is None or not state.low:
         return [ClearAlarm(vehicle.name, ENERGY)] if before and not state.low else []
     if state.low == "warning":
-        return [RaiseAlarm(vehicle.name, ENERGY, f"little energy: {found.words}", "warning")]
-    words = f"its energy does not suffice for the flight home: {found.words}"
+        return [RaiseAlarm(vehicle.name, ENERGY, f"low energy: {found.words}", "warning")]
+    words = f"it does not have enough energy for the flight home: {found.words}"
     return [
         announce(vehicle, words, warning=True),
         RaiseAlarm(vehicle.name, ENERGY, words, "severe"),
@@ -193,7 +193,7 @@ def _obstacle(vehicle: Vehicle) -> str:
     if vehicle.ordered == "hold":
         return "an operator ordered a hold"
     if vehicle.energy.flies_on:
-        return "an operator confirmed that it flies on"
+        return "an operator confirmed that it continues"
     if not availability.position_good:
         return "it has no position fix"
     if vehicle.sent_home:

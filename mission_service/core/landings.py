@@ -81,7 +81,7 @@ class Landings:
         if not availability.position_good:
             return "it has no position fix"
         if availability.mode in GOING_HOME and availability.height_m < LANDS_BELOW_M:
-            return f"it is landing already, in {named_mode(availability.mode)}"
+            return f"it is already landing in {named_mode(availability.mode)}"
         if vehicle.section.kind == "copter":
             return self._airspace.return_obstacle(vehicle, availability.fix)
         try:
@@ -172,7 +172,7 @@ class Landings:
         if obstacle:
             return self._raise(vehicle, f"it circles above home and cannot land: {obstacle}")
         relieved = vehicle.lands_after_return
-        return self.land(vehicle, "relieved" if relieved else "no time is left on task", at_s)
+        return self.land(vehicle, "relieved" if relieved else "no time left on task", at_s)
 
     def found_flying(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Continue a landing because the vehicle is flying the landing mission on board again."""
@@ -249,7 +249,7 @@ class Landings:
             return []
         if vehicle.section.kind == "copter" and state.landing_phase is LandingPhase.APPROACH:
             return [] if vehicle.mode in GOING_HOME else [Return(vehicle.name)]
-        why = "the service was restarted, and the landing mission is not flown"
+        why = "the service was restarted, and the vehicle does not fly the landing mission"
         return self._stop(vehicle, why, at_s)
 
     # Phases -----------------------------------------------------------------------------------
@@ -268,14 +268,14 @@ class Landings:
             self.decision_engine.recall(vehicle.name, fix.at_s)
             blocked = self._airspace.return_obstacle(vehicle, fix)
             if blocked:  # the airspace guard routes it home
-                why = f"landing ended: its energy is needed, and {blocked}"
+                why = f"landing ended: its low energy requires a return, and {blocked}"
                 return [
                     announce(vehicle, why, warning=True),
                     *self.end(vehicle),
                     Return(vehicle.name),
                 ]
             words = announce(
-                vehicle, "returns, and waits for its landing at home: its energy is needed"
+                vehicle, "returns because of low energy, and waits at home for its landing"
             )
             return [words, Return(vehicle.name)]
         if fit and self._first_at_field(vehicle) is None:
@@ -327,7 +327,7 @@ class Landings:
             return []
         if vehicle.section.stack == "px4" or vehicle.section.kind == "copter":
             return []
-        words = announce(vehicle, "goes around: its autopilot broke off the landing", warning=True)
+        words = announce(vehicle, "goes around: its autopilot aborted the landing", warning=True)
         return [words, *self._enter(vehicle, LandingPhase.GOING_AROUND, fix.at_s)]
 
     def _going_around(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:

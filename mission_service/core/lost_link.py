@@ -47,13 +47,13 @@ def reaction_compared(vehicle: Vehicle, event: ParametersReported) -> list[AnyCo
         vehicle.lost_link_problem = words
         return [announce(vehicle, words, warning=True), _alarm(vehicle, words)]
     vehicle.lost_link = str(loss)
-    words = f"if the link is lost it {loss}{_limits(loss)}"
+    words = f"if the link is lost, it {loss}{_limits(loss)}"
     problems = list(loss.warnings)
     if wanted is not None and not loss.satisfies(wanted):
         problems.append(f'lost_link = "{wanted}" in the scenario: {_remedy(vehicle, event)}')
     if not problems:
         return [announce(vehicle, words), ClearAlarm(vehicle.name, LOST_LINK)]
-    words = vehicle.lost_link_problem = "; ".join((f"if the link is lost it {loss}", *problems))
+    words = vehicle.lost_link_problem = "; ".join((f"if the link is lost, it {loss}", *problems))
     dangerous = any(loss.ends_in(phase) in DANGEROUS for phase in PHASES)
     return [announce(vehicle, words, warning=True), _alarm(vehicle, words, dangerous)]
 
@@ -79,7 +79,7 @@ def _remedy(vehicle: Vehicle, event: ParametersReported) -> str:
         return str(error)
     station = "" if event.station_id == STATION_ID else f" --station-id {event.station_id}"
     return (
-        "stop the service, then mission-service lost-link set "
-        f"{wanted} --link {section.link} --system-id {section.system_id}{station} "
+        f"stop the service, then run mission-service lost-link set {wanted} "
+        f"--link {section.link} --system-id {section.system_id}{station} "
         f"({', '.join(str(change) for change in changes)})"
     )

@@ -91,7 +91,7 @@ class OperatorOrders:
             return [announce(vehicle, words, warning=True)]
         time_up = self._time_up(vehicle, event)
         if time_up and not event.confirmed:
-            return _question(vehicle, f"its energy does not suffice to {event.order}: {time_up}")
+            return _question(vehicle, f"it does not have enough energy to {event.order}: {time_up}")
         was_taken_over = vehicle.availability.taken_over
         if self.decision_engine.apply_order(vehicle.name, event):
             vehicle.energy.flies_on = bool(time_up)
@@ -181,8 +181,8 @@ class OperatorOrders:
                     return [announce(vehicle, words)]
                 if availability.armed:
                     return [announce(vehicle, f"{words}: executed after takeoff")]
-                why = "it is on the ground: no command is sent until an operator orders its start"
-                return [announce(vehicle, f"{words}, but {why}", warning=True)]
+                why = "it is on the ground; no command is sent until an operator orders its start"
+                return [announce(vehicle, f"{words}: {why}", warning=True)]
             case "resume":
                 return self._resume(vehicle, by)
             case _:  # start, takeoff
@@ -259,7 +259,7 @@ class OperatorOrders:
         if availability.recalled or not led:
             why, then = f"in {named_mode(availability.mode)}", "its planner has control"
             if not availability.airborne:
-                why, then = "ordered home on the ground", "an operator orders its start"
+                why, then = "ordered to return on the ground", "an operator orders its start"
             words = f"{why}: a mission is sent when {then}"
             return [announce(vehicle, words, warning=True)]
         return self._withdrawn(vehicle, f"{by} requested another mission")
@@ -275,7 +275,7 @@ class OperatorOrders:
         if vehicle is None:
             return []
         if self._approvals is None:
-            words = f"{REJECTED} the missions of this run need no approval"
+            words = f"{REJECTED} the missions of this run do not need approval"
             return [announce(vehicle, words, warning=True)]
         if isinstance(event, events.MissionAccepted):
             mission = self._approvals.accepted(vehicle, event.mission_hash)
@@ -283,9 +283,9 @@ class OperatorOrders:
                 words = f"mission {mission.mission_id} accepted by {event.by}"
                 return [announce(vehicle, words), mission]
         elif self._approvals.refused(vehicle, event.mission_hash, event.by):
-            words = "no similar mission is proposed until the front or the reason changes"
+            words = "no similar mission will be proposed until the front or the reason changes"
             return [announce(vehicle, f"mission refused by {event.by}: {words}")]
-        words = f"{REJECTED} no such mission is proposed; load the proposal again"
+        words = f"{REJECTED} this mission is no longer proposed; reload the proposal"
         return [announce(vehicle, words, warning=True)]
 
 
@@ -326,11 +326,11 @@ def _takeoff_begun(vehicle: Vehicle) -> str:
     """Return the refusal of a takeoff that has already begun; "" if it has not begun."""
     availability, signed_off = vehicle.availability, vehicle.signed_off
     if availability.airborne:
-        return "it is in the air: order resume, or start"
+        return "it is in the air: order resume or start"
     if vehicle.start_under_way or (availability.armed and availability.mode == MISSION):
-        return "its takeoff has begun"
+        return "its takeoff has already begun"
     if signed_off is not None and vehicle.start_is_pending:
-        return f"{signed_off.by} has signed off its takeoff already"
+        return f"{signed_off.by} has already signed off its takeoff"
     return ""
 
 

@@ -49,7 +49,7 @@ class PlaceChecks:
             airspace = replace(airspace, max_altitude_agl_m=None)
         conflict = airspace.conflict(parts, self._landscape, position_of(fix))
         if conflict is not None and isinstance(command, Orbit):
-            words = f"an orbit is not ordered: it would enter {conflict}"
+            words = f"no orbit is ordered: it would enter {conflict}"
             return raised(vehicle, state, words)
         if conflict is not None and isinstance(command, HoldAt):
             if target[2] > fix.altitude_m and math.dist(target[:2], (fix.x_m, fix.y_m)) < 1.0:
@@ -116,7 +116,7 @@ class PlaceChecks:
         stays = self._space.of_hold(vehicle, position_of(fix))
         if airspace.conflict([stays], self._landscape) is None:
             return [free]
-        words = f"holds where it is: no lower hold is free of {conflict}"
+        words = f"holds at its position: every lower hold would enter {conflict}"
         return [*raised(vehicle, self._states[vehicle.name], words, "severe"), free]
 
     def _held_at(self, vehicle: Vehicle, command: HoldAt) -> HoldAt:

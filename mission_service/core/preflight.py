@@ -164,7 +164,7 @@ class Preflight:
         if not new:
             return []
         vehicle.end_intentions()
-        words = f"the sign-off by {signed_off.by} has ended, it waits for another: {in_words(new)}"
+        words = f"the sign-off by {signed_off.by} is void, and a new one is needed: {in_words(new)}"
         return [announce(vehicle, words, warning=True)]
 
     @staticmethod

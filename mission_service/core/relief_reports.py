@@ -31,10 +31,10 @@ def takeoff_obstacle(vehicle: Vehicle, at_s: float) -> str:
     if vehicle.waits_for_operator:
         return "waits for sign-off"
     if vehicle.ordered or availability.recalled:
-        return "is ordered to stay"
+        return "was ordered to stay"
     if availability.fix is None or not availability.position_good:
         return "has no position fix"
-    return "lacks energy" if time_up_words(vehicle, at_s) else ""
+    return "does not have enough energy" if time_up_words(vehicle, at_s) else ""
 
 
 def next_vehicle(task: ReliefTask, vehicles: Vehicles, at_s: float) -> str | None:

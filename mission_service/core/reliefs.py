@@ -214,7 +214,7 @@ class Reliefs:
         vehicle.waits_for_operator = True
         vehicle.end_intentions()
         self._landed(member, vehicle, at_s)
-        words = "has not taken off to relieve: it waits for an operator's order to start"
+        words = "has not taken off for its relief: it waits for an operator's order to start"
         return [announce(vehicle, words, warning=True)]
 
     def _signed_off_by_scenario(
@@ -236,7 +236,7 @@ class Reliefs:
         if at_s - since_s < self._section.ready_after_s:
             return []
         vehicle.waits_for_operator = member.released = False
-        words = f"ready with a battery of {charge_pct:.0f} %, by the scenario's standing sign-off"
+        words = f"ready at {charge_pct:.0f} % battery, under the scenario's standing sign-off"
         return [announce(vehicle, words)]
 
     # The task ---------------------------------------------------------------------------------

@@ -100,7 +100,7 @@ def event_of(
         any content.
     """
     if not isinstance(request, dict):
-        raise RequestError('a request is a JSON object, such as {"do": "status"}')
+        raise RequestError('a request must be a JSON object, such as {"do": "status"}')
     do = request.get("do")
     if do == ABORT:
         return events.Aborted(at_us, _named(request, "by"), _named(request, "station"))
@@ -110,13 +110,13 @@ def event_of(
     except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
         raise RequestError(f"{do}: {in_words(error, kind, request)}") from None
     if _is_service(parsed.by):
-        raise RequestError(f"{do}: by {SERVICE!r} is reserved for the service; give your name")
+        raise RequestError(f"{do}: by = {SERVICE!r} is reserved for the service; enter your name")
     _check_names(parsed, scope)
     for place in _places(parsed):
         if not scope.on_map(*place):
             lat_deg, lon_deg = place
             exchanged = abs(lon_deg) <= 90.0 and scope.on_map(lon_deg, lat_deg)
-            hint = "; latitude and longitude are exchanged" if exchanged else ""
+            hint = "; latitude and longitude are swapped" if exchanged else ""
             raise RequestError(f"{do}: {lat_deg:.6g}, {lon_deg:.6g} is outside the landscape{hint}")
     approver = kind.role == "approve" if may_approve is None else may_approve
     event = msgspec.structs.replace(parsed.event(at_us), may_approve=approver)
@@ -132,15 +132,17 @@ def _check_names(request: Request, scope: RequestScope) -> None:
         names = ", ".join(sorted(stations))
         meant = did_you_mean(request.station, stations)
         raise RequestError(
-            f"unknown station {_cut(request.station)}; the scenario has {names}{meant}"
+            f"unknown station {_cut(request.station)}; the stations are {names}{meant}"
         )
     item, vehicle = getattr(request, "item", ""), getattr(request, "vehicle", "")
     if item and items is not None and item not in items:
-        listed = "; ".join(items) or "the list is empty"
-        raise RequestError(f"no item {_cut(item)} on the GO/NO-GO checklist: {listed}")
+        listed = "; ".join(items) or "it has no items"
+        raise RequestError(
+            f"no item {_cut(item)} on the GO/NO-GO checklist; the items are: {listed}"
+        )
     if vehicle and vehicles is not None and vehicle not in vehicles:
         listed = f"{', '.join(vehicles)}{did_you_mean(vehicle, vehicles)}"
-        raise RequestError(f"no vehicle {_cut(vehicle)}; the run has {listed}")
+        raise RequestError(f"no vehicle {_cut(vehicle)}; the vehicles are {listed}")
     if isinstance(request, Acknowledge) and scope.alarms is not None:
         active = scope.alarms()
         if request.alarm not in active:
@@ -152,18 +154,19 @@ def _check_names(request: Request, scope: RequestScope) -> None:
 
 def _kind(do: Any, accepted: Collection[str]) -> type[Request]:
     if do == STATUS:
-        raise RequestError("status is a query, which causes no event")
+        raise RequestError("status is a query and causes no event")
     if do == REPLAY:
         raise RequestError("replay: this run is not a replay")
     if isinstance(do, str) and do in accepted:
         return REQUESTS[do]
     if isinstance(do, str) and do in REQUESTS:
-        reason = "not in a burn" if REQUESTS[do] in OF_VEHICLES else "only in a burn"
+        in_burn = REQUESTS[do] not in OF_VEHICLES
+        reason = "available only in a burn" if in_burn else "not available in a burn"
         raise RequestError(f"{do}: {reason}")
-    name = _cut(do) if isinstance(do, str) else "without a name"
+    name = _cut(do) if isinstance(do, str) else "(no name)"
     meant = did_you_mean(do, accepted) if isinstance(do, str) else ""
     listed = f"{', '.join((STATUS, *accepted))}{meant}"
-    raise RequestError(f"unknown request {name}: do is one of {listed}")
+    raise RequestError(f'unknown request {name}: "do" must be one of {listed}')
 
 
 def _places(request: Request) -> tuple[tuple[float, float], ...]:
@@ -179,7 +182,9 @@ def _places(request: Request) -> tuple[tuple[float, float], ...]:
         length_m = M_PER_DEG * outline.length / 2.0
         if length_m > request.max_length_m:
             max_km = request.max_length_m / 1e3
-            raise RequestError(f"a line of {length_m / 1e3:.0f} km exceeds {max_km:g} km")
+            raise RequestError(
+                f"a line of {length_m / 1e3:.0f} km exceeds the limit of {max_km:g} km"
+            )
     return points
 
 

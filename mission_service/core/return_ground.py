@@ -116,7 +116,7 @@ class ReturnGround:
         here_agl_m = fix.altitude_m - float(self._landscape.elevation_at(fix.x_m, fix.y_m))
         if found.clearance_m >= min(needed_m, here_agl_m - TERRAIN_ERROR_M):
             return None
-        return f"the airspace close above ground of {found.ground_amsl_m:.0f} m AMSL"
+        return f"the airspace just above terrain at {found.ground_amsl_m:.0f} m AMSL"
 
     def climb(self, vehicle: Vehicle, fix: PositionFix, goal_m: Place) -> HoldAt | None:
         """Return the higher hold from which a return is clear of the ground, or None.

@@ -23,7 +23,7 @@ def return_read(vehicle: Vehicle, event: ParametersReported) -> list[AnyCommand]
     words = _differences(vehicle, read)
     if not words:
         return []
-    line = f"its parameters determine its return: {', '.join(words)}"
+    line = f"its parameters set its return: {', '.join(words)}"
     return [announce(vehicle, line)]
 
 

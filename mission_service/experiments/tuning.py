@@ -54,7 +54,7 @@ def tune(
     if population < 4 or generations < 1:
         raise MissionServiceError(
             f"tune: {generations} generations of {population} sets of constants; "
-            "give at least 1 generation of 4"
+            "specify at least 1 generation of 4 sets"
         )
 
     rated = type("Fitness", (base.Fitness,), {"weights": (1.0,)})

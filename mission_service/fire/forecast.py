@@ -256,9 +256,11 @@ def _length_s(requested_s: float) -> float:
 
 def _check(at_s: float, now_s: float) -> None:
     if not math.isfinite(at_s):
-        raise FireModelError(f"forecast: {at_s} s is not a time; give a finite number of seconds")
+        raise FireModelError(
+            f"forecast: {at_s} s is not a time; specify a finite number of seconds"
+        )
     if at_s > now_s + LONGEST_S:
         raise FireModelError(
             f"forecast: {at_s:.0f} s is {(at_s - now_s) / 3600:.1f} h from now; "
-            f"{LONGEST_S / 3600:g} h is the maximum"
+            f"the limit is {LONGEST_S / 3600:g} h"
         )

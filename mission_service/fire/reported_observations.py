@@ -125,11 +125,11 @@ def checked_report(event: FireObserved | RasterObserved, landscape: Landscape) -
         )
     found = observation_of(event, landscape)
     if not found.state.size:
-        raise FireModelError(f"{do}: contains no cell of the landscape; check its place")
+        raise FireModelError(f"{do}: contains no cell of the landscape; check its position")
     if isinstance(event, RasterObserved) and not (found.state != UNSEEN).any():
         raise FireModelError(
-            "raster: no cell of the landscape was seen; check its place. With missed_pct or "
-            "false_alarms_pct, a cell needs five seen neighbours"
+            "raster: no cell of the landscape was seen; check its position. With missed_pct or "
+            "false_alarms_pct, a cell needs five observed neighbours"
         )
     return found
 
@@ -197,8 +197,8 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
     if contradict > MAX_CONTRADICTED * (contradict + agree):
         raise FireModelError(
             f"images or other reports contradict it in {contradict} of "
-            f"{contradict + agree} cells that they show; check its place and age; the role "
-            "correct permits a change of the fire there"
+            f"{contradict + agree} cells that they show; check its position and age; a user with "
+            'the role "correct" can change the fire there'
         )
 
 
@@ -215,12 +215,12 @@ def note_of(
     """
     if waiting:
         return (
-            f"cells that wait for a second report: {waiting}; send it again after 10 s or more, "
-            "within 30 min, or report it by another sensor"
+            f"cells that need a second report: {waiting}; send it again after 10 s or more, "
+            "within 30 min, or report them with another sensor"
         )
     has_burned = isinstance(event, RasterObserved) and any("b" in row for row in event.rows)
     if has_burned and not (reported.state == BURNED).any():
-        return "the majority filter has removed its burned cells, which are too few"
+        return "the majority filter removed its burned cells, because they are too few"
     if changes:
         return ""
     if not (reported.state != UNSEEN).any():

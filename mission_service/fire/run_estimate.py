@@ -220,7 +220,7 @@ class RunEstimate:
         """Store and log an unexpected exception raised for a valid report."""
         kind, sender, at_s = type(event).__name__, event.by or "an operator", event.at_us / 1e6
         self.defect = (
-            f"a report ({kind}) of {sender} at {at_s:.3f} s is not used: {in_words(error)}; this "
+            f"a report ({kind}) from {sender} at {at_s:.3f} s is not used: {in_words(error)}; this "
             "is a defect, please send the traceback in the log to the developers"
         )
         log.error("%s", self.defect, exc_info=error)
@@ -334,12 +334,12 @@ class RunEstimate:
         if isinstance(event, OBSERVATIONS):
             if not self._accepts_reports:
                 raise FireModelError(
-                    "observe: a burn uses cameras and corrections only; use correct"
+                    'observe: a burn uses only cameras and corrections; use "correct"'
                 )
             if len(self._waiting) >= MAX_REPORTS:
                 raise FireModelError(
-                    f"{len(self._waiting)} observations wait for the estimate; send this one again "
-                    "later, and send at a lower rate"
+                    f"{len(self._waiting)} observations are waiting for the estimate; send this "
+                    "one again later, and reduce the rate"
                 )
             checked = event, checked_report(event, self.landscape)
         else:

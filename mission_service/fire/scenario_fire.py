@@ -313,9 +313,9 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
         kinds = {part.geom_type for part in shapely.get_parts(shapely.get_parts(shape))}
         if kinds != {"Polygon"}:
             raise ScenarioError(
-                f"{path}: feature {number} has {', '.join(sorted(kinds - {'Polygon'}))}; a "
-                "perimeter has only polygons: remove the other shapes, give them as an ignition, "
-                "or make polygons of closed lines with fire.repair_perimeter = true"
+                f"{path}: feature {number} contains {', '.join(sorted(kinds - {'Polygon'}))}; a "
+                "perimeter must contain only polygons: remove the other shapes, use them as an "
+                "ignition, or convert closed lines to polygons with fire.repair_perimeter = true"
             )
 
 
@@ -374,7 +374,7 @@ def require_fire(scenario: Scenario) -> None:
     lit = scenario.ignition or scenario.burn_flown is not None
     if not (lit or scenario.fire.perimeter or scenario.fire.arrival):
         raise ScenarioError(
-            f"{scenario.name}: nothing burns: give an ignition, fire.perimeter or fire.arrival"
+            f"{scenario.name}: nothing burns: add an ignition, fire.perimeter or fire.arrival"
         )
 
 

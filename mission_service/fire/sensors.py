@@ -126,7 +126,9 @@ class Sensors:
             try:
                 images: tuple[Any, ...] = tuple(getattr(sensor, "images", ()))[-MAX_IMAGES:]
                 if not all(isinstance(each, SensorImage) for each in images):
-                    raise ValueError("its attribute images contains other objects than SensorImage")
+                    raise ValueError(
+                        "its attribute `images` contains objects other than SensorImage"
+                    )
                 if images:
                     found[name] = images
             except (Exception, SystemExit) as error:  # another package may raise anything
@@ -183,11 +185,13 @@ class Sensors:
         if len(widths) != 1 or not letters - {"."}:
             raise ValueError("its window has rows of different lengths, or no observed cell")
         if not letters <= set(".ub"):
-            raise ValueError("its cells have other letters than b, u and .")
+            raise ValueError("its cells contain letters other than b, u and .")
         if not (0 <= seen.row <= rows - len(seen.cells) and 0 <= seen.col <= cols - widths.pop()):
             raise ValueError(f"its window exceeds the landscape's grid of {rows} x {cols} cells")
         if seen.vehicle != fix.vehicle or seen.at_us > fix.at_us:
-            raise ValueError("its vehicle is not that of the position, or its time is later")
+            raise ValueError(
+                "its vehicle is not that of the position, or its time is later than the position's"
+            )
         return msgspec.structs.replace(
             seen, source=name, corrects=False, estimated=False, distrusted=False
         )
@@ -207,7 +211,9 @@ def _checked_report(name: str, made: FireObserved, at_us: int) -> FireObserved:
         raise ValueError(f"it returned {type(made).__name__} instead of FireObserved")
     made = msgspec.convert(msgspec.to_builtins(made), FireObserved)  # checks types and limits
     if made.at_us != at_us or made.seen_at_us > at_us:
-        raise ValueError("its report is not of the present time (at_us), or was observed later")
+        raise ValueError(
+            "its report has another at_us than the position, or a later observation time"
+        )
     return msgspec.structs.replace(
         made, by=name, station=STATION, source=made.source or name, may_approve=False, role=""
     )
@@ -224,7 +230,8 @@ def sensors_of(scenario: Scenario, landscape: Landscape) -> Sensors:
         where = f"{scenario.name}: estimate.sensors: {name}"
         if len(points) != 1:
             known = ", ".join(sorted({each.name for each in entry_points(group=GROUP)})) or "none"
-            raise ScenarioError(f"{where}: {len(points)} packages have it; installed are {known}")
+            found_in = f"{len(points)} installed packages provide this sensor, not one"
+            raise ScenarioError(f"{where}: {found_in}; the installed sensors are {known}")
         try:
             make: MakeSensor = points[0].load()
             found[name] = make(scenario, landscape)

@@ -81,13 +81,13 @@ def values_in(
             found.append(Place(key, name, "value", point.y, point.x, None, cells))
     if not found:
         raise ScenarioError(
-            f"service.fire_arrival.values: {path}: no feature lies on the landscape; give a file "
+            f"service.fire_arrival.values: {path}: no feature lies on the landscape; use a file "
             "of this area, in longitude and latitude"
         )
     if len(found) > MAX_VALUES:
         raise ScenarioError(
             f"service.fire_arrival.values: {path}: {len(found)} features lie on the landscape; at "
-            f"most {MAX_VALUES} are accepted: join features, or keep those that matter"
+            f"most {MAX_VALUES} are accepted: merge features, or keep only the important ones"
         )
     return found
 

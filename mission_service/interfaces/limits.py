@@ -41,7 +41,7 @@ class ConcurrencyLimiter:
         """The limits in words."""
         if self._most == self._max_each:
             return f"the limit is {self._most}"
-        return f"the limit is {self._max_each} for one client, and {self._most} for all"
+        return f"the limits are {self._max_each} per client and {self._most} in total"
 
     def acquire(self, client: str) -> bool:
         """Count a request until ``release``; return False if the limit is reached."""

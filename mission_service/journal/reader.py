@@ -71,7 +71,7 @@ class JournalReader:
             raise JournalError(
                 f"{self.path}: the landscape differs from that of the journal "
                 f"(sha256 {found.digest()[:12]}…, recorded {recorded[:12]}…); "
-                "replay the journal on a machine with its rasters"
+                "replay the journal on a machine with the same rasters"
             )
         return found
 

@@ -250,12 +250,12 @@ def header_of(path: Path, shared: Known) -> Header:
         with os.fdopen(opened(path, os.O_RDONLY), "rb") as file:
             found = os.fstat(file.fileno())
             if found.st_uid not in (os.getuid(), 0) or writable_by_others(found):
-                raise StateError(f"{path}: other users could have written it; it is not read")
+                raise StateError(f"{path}: other users could have written it, so it is not read")
             header = msgspec.json.decode(file.readline(), type=Header)
     except OSError as error:
         raise StateError(f"{path}: cannot be read: {error.strerror}") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise StateError(f"{path}: is damaged: {error}") from None
+        raise StateError(f"{path}: is corrupt: {error}") from None
     required = {
         "format": FORMAT,
         "code": code_digest(),
@@ -264,7 +264,7 @@ def header_of(path: Path, shared: Known) -> Header:
     }
     for name, value in required.items():
         if getattr(header, name) != value:
-            raise StateError(f"{path}: is of another {name}")
+            raise StateError(f"{path}: was written with another {name}")
     return header
 
 
@@ -275,7 +275,7 @@ def read(path: Path, shared: Known) -> dict[str, Any]:
         file.readline()
         packed = file.read()
     if hashlib.sha256(packed).hexdigest() != header.sha256:
-        raise StateError(f"{path}: is damaged: its sha256 does not match")
+        raise StateError(f"{path}: is corrupt: its sha256 does not match")
     memory = memoryview(zlib.decompress(packed))
     parts, at = [], 0
     for length in header.parts:

@@ -89,7 +89,7 @@ class SourceReceiver:
                 else:
                     await self._receive_stream()
                 wait_s = MIN_WAIT_S
-                self.failed("the server has closed the connection")
+                self.failed("the server closed the connection")
             except (OSError, TimeoutError) as error:
                 self.failed(str(error) or "no answer")
             await asyncio.sleep(wait_s)

@@ -270,7 +270,9 @@ async def _engine_of(
     announcements.engine = service
     if interrupted is not None:
         await _resume(interrupted, service, clock, wall_us() / 1e6 - down_from_s)
-        service.announce("service", f"resumes the run of {run.journal_path}; approvals are invalid")
+        service.announce(
+            "service", f"resumes the run of {run.journal_path}; earlier approvals are void"
+        )
         for why in interrupted.newly_skipped.values():
             service.announce("service", f"journal line skipped: {why}")
     announcements.add_early()
@@ -335,10 +337,11 @@ def _journal_of(
     """Return the journal of the resumed run, or a new journal; an earlier journal is renamed."""
     renamed = None if interrupted else rename_old(run.journal_path)
     if renamed is not None:
-        report("service", f"begins a new run; the earlier journal was renamed to {renamed.name}")
+        report("service", f"begins a new run; the previous journal was renamed to {renamed.name}")
     if writable_by_others(run.out.stat()):
         report(
-            "service", f"other users of this machine can write in {run.out}; chmod 700 {run.out}"
+            "service",
+            f"other users of this machine can write to {run.out}; run chmod 700 {run.out}",
         )
     rest = None if interrupted is None else interrupted.rest()
     header = header_of(run.scenario, references.landscape, run.created)

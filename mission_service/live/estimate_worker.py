@@ -63,7 +63,7 @@ class EstimateWorker:
         if outcome is not None:
             outcome.set_result(ReportOutcome(unused, found.change.note))
         elif unused is not None:  # a report over MQTT does not wait for the outcome
-            self._service.announce("service", f"the report of {report.by} is not used: {unused}")
+            self._service.announce("service", f"the report from {report.by} is not used: {unused}")
 
     def outcome(self, report: AnyOperatorEvent) -> Awaitable[ReportOutcome] | None:
         """Return an awaitable for a submitted report's outcome; None if none is pending."""

@@ -51,7 +51,7 @@ async def watch_fire_arrival(
             context.arrivals = arrivals
             _show(view, alarms.present(arrivals))
         except FireModelError as error:
-            view.alarm(ALARM, f"no times of the fire's arrival: {error}")
+            view.alarm(ALARM, f"no fire arrival times: {error}")
         context.ring()
         await asyncio.sleep(section.every_s)
 

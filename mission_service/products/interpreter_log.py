@@ -50,7 +50,7 @@ def _growth(incident: Incident) -> list[tuple[str, str]]:
 def _images(incident: Incident) -> list[tuple[str, str]]:
     images = incident.images
     if images.first_s is None or images.last_s is None:
-        return [("Images", "none; the perimeter is that of the fire model and of reports")]
+        return [("Images", "none; the perimeter is from the fire model and reports")]
     first, last = (incident.in_words(at_s) for at_s in (images.first_s, images.last_s))
     return [("Images", f"{images.total:,}"), ("First image", first), ("Last image", last)]
 

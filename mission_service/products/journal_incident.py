@@ -47,11 +47,12 @@ def incident_in(
     if zero is None:
         raise RequestError(
             f"{path}: the scenario has no time_zero, and maps, perimeters and KMZ need calendar "
-            "times; give --time-zero, the time of mission time 0, such as 2026-08-01T14:00-06:00"
+            "times; add --time-zero, the calendar time of mission time 0, such as "
+            "2026-08-01T14:00-06:00"
         )
     if not EARLIEST_YEAR <= zero.year <= LATEST_YEAR:
         raise RequestError(
-            f"{path}: time zero {zero.isoformat()} is not a year from {EARLIEST_YEAR} to "
+            f"{path}: the year of time zero {zero.isoformat()} must be from {EARLIEST_YEAR} to "
             f"{LATEST_YEAR}"
         )
     return _Replay(recorded).incident(at_s, forecast_s, zero)
@@ -80,7 +81,7 @@ class _Replay:
         if at_s is not None and at_s < self._scenario.start_s:
             raise RequestError(
                 f"{self._recorded.path}: begins at mission time {self._scenario.start_s:g} s, "
-                f"after --at {at_s:g}; give a later time"
+                f"after --at {at_s:g}; specify a later time"
             )
         until_us = None if at_s is None else round(at_s * 1e6)
         latest_us = -math.inf
@@ -95,7 +96,7 @@ class _Replay:
         if until_us is not None and latest_us < until_us:
             raise RequestError(
                 f"{self._recorded.path}: ends at mission time {latest_us / 1e6:.0f} s, before "
-                f"--at {at_s:g}; leave out --at for the end"
+                f"--at {at_s:g}; omit --at for the end"
             )
         return self._incident(int(latest_us), forecast_s, time_zero)
 

@@ -153,7 +153,7 @@ def _draw_fire(axes: Any, incident: Incident) -> list[Any]:
     earlier = [incident.area(at_s) for at_s in incident.past_times_s()[:-1]]
     draw(earlier, "Perimeter at earlier hours", edgecolor=EARLIER, linewidth=0.5)
     ahead = {at_s: incident.area(at_s) for at_s in incident.forecast_times_s()}
-    label = "Forecast, each hour (median)"
+    label = "Hourly forecast (median)"
     draw(list(ahead.values()), label, edgecolor=AHEAD, linewidth=1.1, linestyle="--")
     if incident.probability is not None:
         end = f"{incident.when(_end_s(incident)):%H:%M}"

@@ -54,7 +54,7 @@ def write_products(out: Path, incident: Incident) -> list[str]:
             titles[sidecar.name] = "Georeference of map.png"
     for path in write_rasters(out, incident):
         titles[path.name] = RASTER_TITLES[path.stem]
-        titles[f"{path.stem}.qml"] = "QGIS style of the raster of the same name"
+        titles[f"{path.stem}.qml"] = "QGIS style for the raster of the same name"
     if any(vehicle.drops for vehicle in incident.record.vehicles.values()):
         write_drops(out / "drops.csv", incident.record)
         titles["drops.csv"] = "Drops"

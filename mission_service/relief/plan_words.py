@@ -27,7 +27,7 @@ def summary(watch: Watch, plan: ReliefPlan, addition: Addition | None) -> str:
     if not plan.lapses:
         kept = f"kept up for {length(watch.duration_s)}"
         if plan.short_handovers:
-            kept += f", with {plan.short_handovers} reliefs that overlap less"
+            kept += f", with {plan.short_handovers} reliefs whose overlap is shorter"
         return kept if _ends_the_search(watch, plan) else f"{kept}; {_afterwards(plan)}"
     first = plan.lapses[0]
     if first.reason == TOO_FAR:

@@ -39,7 +39,7 @@ def scenario_aircraft(
         if section.endurance_s is None:
             raise ScenarioError(
                 f"{scenario.name}: {section.name} has no endurance_s, the maximum time in the air; "
-                f"give it, e.g. --set vehicles.{len(found)}.endurance_s=2700"
+                f"set it, e.g. --set vehicles.{len(found)}.endurance_s=2700"
             )
         home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
         out_s, back_s = _flight_times(section, landscape, home_m, task_m, winds)

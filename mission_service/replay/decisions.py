@@ -59,8 +59,8 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
     rule = scenario.planner.rule
     if not way_for(rule).along_front:
         raise MissionServiceError(
-            f"{path}: rule {rule} takes no decisions along a front; use replay --verify, "
-            "or --planner with another rule"
+            f"{path}: rule {rule} makes no decisions along a front; use replay --verify, or "
+            "--planner with another rule"
         )
     with faults_of(rule):
         found, recorded = decisions_alone(journal, scenario, journal.intact())

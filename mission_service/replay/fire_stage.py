@@ -112,7 +112,9 @@ class _Comparison:
         without = self._without_position + (self._pending is not None)
         counts = self._counts
         exact = not counts["within tolerance"] and not counts["beyond tolerance"]
-        note = ["all cells equal" if exact else "another machine may have recorded the journal"]
+        note = [
+            "all cells equal" if exact else "the journal may have been recorded on another machine"
+        ]
         note += [f"{without} observations without a position"] if without else []
         if self._unsure:
             note.append(f"{self._unsure} observations after a skipped line were not compared")
@@ -152,7 +154,7 @@ class _Comparison:
             self._differs(f"{place}: {words}; in the replay it {replay}")
 
     def _position_missing(self, place: str, recorded: Observed) -> None:
-        self._differs(f"{place}: no position of {recorded.vehicle} follows at its time")
+        self._differs(f"{place}: no position of {recorded.vehicle} with the same time follows")
 
     def _differs(self, words: str, *cells: dict[str, Any]) -> None:
         if self._difference is None:

@@ -154,7 +154,7 @@ def file_stage(recorded: JournalReader) -> Stage:
     except JournalError as error:
         counts["altered"] += 1
         difference = difference or str(error)
-        note = "the rest cannot be read; run --skip-unreadable resumes without that line"
+        note = "the rest cannot be read; `run --skip-unreadable` resumes without that line"
         return Stage("file", counts, difference, note=note)
     if not recorded.skipped:
         return Stage("file", counts, difference)
@@ -167,7 +167,7 @@ def planner_stage(recorded: JournalReader) -> Stage:
     """Compare the planners' decisions on the recorded observations with the journal."""
     rule = recorded.scenario.planner.rule
     if not way_for(rule).along_front:
-        note = f"rule {rule} takes no decisions along a front"
+        note = f"rule {rule} makes no decisions along a front"
         return Stage("planner", {}, note=note, left_out=True)
     found, decisions = decisions_alone(recorded, recorded.scenario, recorded.readable())
     difference, fields = first_difference(found, decisions, may_lack_one=recorded.cut_off)

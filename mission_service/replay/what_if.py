@@ -118,7 +118,9 @@ def what_if(
     if any(each.path.resolve().parent == out.resolve() for each in journal.readers):
         raise ScenarioError(f"{out}: is the folder of the journal; choose another with --out")
     if scenario.only is not None:
-        raise JournalError(f"{path}: one of several processes wrote it; fly its scenario with sim")
+        raise JournalError(
+            f"{path}: was written by one of several processes; simulate its scenario with sim"
+        )
     past = past_run(journal)
     until_s = past.record.at_us / 1e6
     if until_s <= scenario.start_s:
@@ -188,7 +190,7 @@ def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenari
         apply_override(data, f"planner.{key}={value}")
         keys.append(key)
     if not keys:
-        raise ScenarioError("--what-if: give settings, e.g. planner=predictive")
+        raise ScenarioError("--what-if: specify settings, e.g. planner=predictive")
     scenario = flying(parse_scenario(data, journal.path))
     return scenario, {key: getattr(scenario.planner, key) for key in keys}
 

@@ -269,7 +269,7 @@ class Gateway:
     def _drop(self, command: Drop, now_us: int) -> None:
         try:
             if self._dropper is None:
-                raise BridgeError("no dropper is set up")
+                raise BridgeError("no dropper is configured")
             self._drops[self.client.drop(self._dropper, now_us)] = command
         except BridgeError as error:
             self._queued.append(self._drop_finished(command, "refused", str(error)))

@@ -97,13 +97,13 @@ class JournalRetention:
 
     def _alarm_state(self, error: OSError) -> None:
         """Raise the alarm for a state that was not written."""
-        text = f"no state is written ({error.strerror}): a restart will take longer"
+        text = f"the state cannot be written ({error.strerror}): a restart will take longer"
         self._service.state_view.alarm("state", text)
 
     def _alarm_journal(self) -> None:
         state_view, trouble = self._service.state_view, self._service.recording.trouble
         if trouble:
-            text = f"the journal is not written, so only aborts are executed: {trouble}"
+            text = f"the journal cannot be written, so only aborts are executed: {trouble}"
             state_view.alarm("journal", text, "severe")
         else:
             state_view.clear_alarm("journal")

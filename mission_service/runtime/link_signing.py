@@ -71,7 +71,9 @@ def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
 
 def key_missing(link: str) -> str:
     """Return one line about a link whose vehicle signs frames while this program has no key."""
-    return f"frames on {link} are signed, and no signing key is given; the vehicle may not answer"
+    return (
+        f"frames on {link} are signed, but no signing key is configured; the vehicle may not answer"
+    )
 
 
 class SigningRefusals:
@@ -94,7 +96,7 @@ class SigningRefusals:
             if lead_s > LEAD_REPORTED_S:
                 lines["lead"] = (
                     f"its frames on {self._link} are signed {lead_s:.0f} s ahead of this machine's "
-                    "clock; the vehicle may refuse frames of the service: set the clock"
+                    "clock; the vehicle may refuse the service's frames: set the clock"
                 )
         new = {key: line for key, line in lines.items() if line and key not in self._reported}
         self._reported |= new.keys()

@@ -32,7 +32,7 @@ class ReplayState(msgspec.Struct, tag="replay/1", tag_field="schema"):
 def checked_speed(speed: Speed) -> Speed:
     """Return the speed unchanged. Raises RequestError for a speed out of range."""
     if speed != "max" and not MIN_SPEED <= speed <= MAX_SPEED:
-        raise RequestError(f"speed: from {MIN_SPEED:g} to {MAX_SPEED:g} times, or max")
+        raise RequestError(f"speed: must be from {MIN_SPEED:g} to {MAX_SPEED:g}, or max")
     return speed
 
 

@@ -114,7 +114,7 @@ async def open_links(
     tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
     system_ids = {section.system_id for section in scenario.flown}
     if tlog is not None and len(system_ids) < len(scenario.flown):
-        words = "vehicles with the same system id cannot be distinguished here; change their ids"
+        words = "vehicles with the same system id cannot be distinguished in it; change their ids"
         report("service", f"{tlog_path}: {words}")
     sources = [section.signing_key for section in scenario.flown]
     signing_of = stack.enter_context(

@@ -50,7 +50,7 @@ class WatchedFolder(ThreadedSensor):
         """
         super().__init__()
         if folder is None:
-            raise ScenarioError(f"{key} is missing; give the folder")
+            raise ScenarioError(f"{key} is missing; set it to the folder")
         self._folder, self._suffixes, self._noun = Path(folder), tuple(suffixes), noun
         if not self._folder.is_dir():
             raise ScenarioError(f"{self._folder}: is not a folder; create it")
@@ -101,7 +101,9 @@ class WatchedFolder(ThreadedSensor):
         try:
             files = self._files()
         except OSError as error:
-            self._folder_problem = f"{self._folder}: cannot be read: {error.strerror}; restore it"
+            self._folder_problem = (
+                f"{self._folder}: cannot be read: {error.strerror}; restore the folder"
+            )
             return
         self._folder_problem = ""
         for gone in self._read.keys() - files.keys():

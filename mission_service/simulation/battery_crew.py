@@ -38,8 +38,8 @@ class BatteryCrew:
         for vehicle in scenario.flown:
             if vehicle.endurance_s is None:
                 raise ScenarioError(
-                    f"{scenario.name}: [simulation.batteries] needs the endurance_s of "
-                    f"{vehicle.name}, for which a full battery lasts"
+                    f"{scenario.name}: [simulation.batteries] requires endurance_s of "
+                    f"{vehicle.name}, the flight time on a full battery"
                 )
             if vehicle.name in mocks:
                 mocks[vehicle.name].flight.battery = Battery(100.0, vehicle.endurance_s)

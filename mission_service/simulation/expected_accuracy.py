@@ -122,7 +122,7 @@ def expected_accuracy(
     if not counts or min(counts) < 0 or max(counts) > MAX_COUNT:
         raise OptionError(f"the numbers of aircraft must be from 0 to {MAX_COUNT}")
     if not AVERAGED_S / 60.0 <= minutes <= 1440.0:
-        raise OptionError(f"{minutes:g} minutes: give 10 to 1440 minutes")
+        raise OptionError(f"{minutes:g} minutes: must be from 10 to 1440 minutes")
     require_fire(scenario)
     fire = reported_fire(scenario, landscape)
     begun_s = fire.time_s
@@ -144,7 +144,7 @@ def expected_accuracy(
             _observe(team, fronts, fire, section)
         left -= 1
     if (reached := at_edge(fire)) is not None:
-        warn(f"{reached}; the parts of the front there are left out")
+        warn(f"{reached}; the parts of the front there are ignored")
     if _is_windy(fire, section):
         warn(
             f"the wind speed exceeds {MAX_WIND:.0%} of the airspeed ({section.airspeed_m_s:g} "

@@ -143,7 +143,7 @@ def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
     if count > MAX_FRONTS:
         raise ScenarioError(
             f"--front-every {every_s:g} gives {count} fronts until {end_s:g} s, more than "
-            f"{MAX_FRONTS}; give {math.ceil((end_s - start_s) / MAX_FRONTS)} or more"
+            f"{MAX_FRONTS}; specify {math.ceil((end_s - start_s) / MAX_FRONTS)} or more"
         )
     return [start_s + number * every_s for number in range(1, count)] + [end_s]
 

@@ -81,7 +81,7 @@ def assimilate(
     """
     if scenario.fire.scheme != "anyangle":
         raise ScenarioError(
-            f"{scenario.name}: fire.scheme = {scenario.fire.scheme}: an estimate needs anyangle"
+            f"{scenario.name}: fire.scheme = {scenario.fire.scheme}: an estimate requires anyangle"
         )
     if folder is not None:
         check_command(folder, "fire assimilate")
@@ -105,9 +105,7 @@ def assimilate(
                 intervals.append(_scores(step, landscape, zero))
                 progress(len(intervals))
         if not estimate.begun or (scenario.ignition and not intervals):
-            raise FireModelError(
-                f"{observations}: contains no perimeter that can be used; see the warnings"
-            )
+            raise FireModelError(f"{observations}: contains no usable perimeter; see the warnings")
         if not intervals and len(perimeters) > 1:
             warnings.append(
                 f"{observations}: no perimeter agrees with the first, {perimeters[0].source}; if "
@@ -166,7 +164,7 @@ def _observations(
     if scenario.ignition and scenario.time_zero is None:
         raise ScenarioError(
             f"{scenario.name}: without time_zero (the date of mission time 0) the ignition has no "
-            f"date; give time_zero, or leave the ignition out"
+            f"date; set time_zero, or remove the ignition"
         )
     error_m = scenario.estimate.perimeter_error_m
     if scenario.ignition:
@@ -215,7 +213,7 @@ def _steps(
         try:
             estimate.assimilate(after, each)
         except FireModelError as error:
-            warnings.append(f"{error}; it is left out")
+            warnings.append(f"{error}; it is skipped")
             warn(warnings[-1])
             continue
         before = after

@@ -89,11 +89,11 @@ def sweep_of(scenario: str, overrides: tuple[str, ...], varied: Sequence[str]) -
         if not (equals and key and given):
             raise OptionError(f"--vary {text}: write it as KEY=VALUES, e.g. fire.precise=true")
         if key in values:
-            raise OptionError(f"--vary {key}: appears twice; give all its values at once")
+            raise OptionError(f"--vary {key}: appears twice; list all its values in one --vary")
         values[key] = _values_in(text, given)
     runs = math.prod(len(each) for each in values.values())
     if runs > MAX_RUNS:
-        raise OptionError(f"--vary: {runs} runs, more than {MAX_RUNS}; give fewer values")
+        raise OptionError(f"--vary: {runs} runs, more than {MAX_RUNS}; specify fewer values")
     return Sweep(scenario, overrides, tuple(values), tuple(product(*values.values())))
 
 
@@ -107,12 +107,12 @@ def _values_in(text: str, given: str) -> tuple[str, ...]:
             raise OptionError(f"--vary {text}: a value is empty or appears twice") from None
         return found
     if not (first.is_finite() and last.is_finite() and step.is_finite() and step > 0):
-        raise OptionError(f"--vary {text}: give a range as FIRST:LAST:STEP with a positive step")
+        raise OptionError(f"--vary {text}: write a range as FIRST:LAST:STEP with a positive step")
     if not first <= last:
-        raise OptionError(f"--vary {text}: the first value is after the last; exchange them")
+        raise OptionError(f"--vary {text}: the first value is above the last; swap them")
     count = int((last - first) / step) + 1
     if count > MAX_RUNS:
-        raise OptionError(f"--vary {text}: {count} values, more than {MAX_RUNS}; give fewer")
+        raise OptionError(f"--vary {text}: {count} values, more than {MAX_RUNS}; specify fewer")
     return tuple(str(first + place * step) for place in range(count))
 
 
@@ -197,7 +197,7 @@ def _check_effects(sweep: Sweep, scenarios: list[Scenario]) -> None:
         unused.add("seed")
     for key in sweep.keys:
         if key.partition(".")[0] not in EFFECTIVE or key in unused:
-            raise OptionError(f"--vary {key}: has no effect on these fires; leave it out")
+            raise OptionError(f"--vary {key}: has no effect on these fires; remove it")
 
 
 def _checked(sweep: Sweep, scenarios: list[Scenario]) -> Iterator[str]:

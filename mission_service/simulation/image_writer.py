@@ -43,8 +43,8 @@ class ImageWriter:
         """
         if section.camera_trigger_m is None:
             raise ScenarioError(
-                f"{scenario.name}: {section.name} takes no images for thermal_frames; give the "
-                "vehicle camera_trigger_m"
+                f"{scenario.name}: {section.name} takes no images for thermal_frames; set its "
+                "camera_trigger_m"
             )
         self._folder = folder_of(scenario)
         self._errors = scenario.simulation.camera
@@ -77,14 +77,16 @@ def folder_of(scenario: Scenario) -> Path:
     """Return the watched folder. Raises ScenarioError if the folder does not exist."""
     folder = scenario.estimate.thermal_frames.folder
     if folder is None or not Path(folder).is_dir():
-        raise ScenarioError(f"{scenario.name}: estimate.thermal_frames.folder: create the folder")
+        raise ScenarioError(
+            f"{scenario.name}: estimate.thermal_frames.folder: no such folder; create it"
+        )
     return Path(folder)
 
 
 def check_is_empty(folder: Path) -> None:
     """Raise ScenarioError for a folder with images, which would be processed as new images."""
     if any(each.name.lower().endswith(SUFFIXES) for each in folder.iterdir()):
-        raise ScenarioError(f"{folder}: contains images; remove them or give an empty folder")
+        raise ScenarioError(f"{folder}: contains images; remove them, or use an empty folder")
 
 
 def _pose_of(image: CapturedImage, land: Landscape) -> CameraPose:

@@ -76,7 +76,7 @@ class MockEnvironment:
             except KeyError:
                 names = ", ".join(mock.parameters.names)
                 raise MissionServiceError(
-                    f"--param {name}: the mock of {stack} {kind} has the parameters {names}"
+                    f"--param {name}: unknown parameter; the mock of {stack} {kind} has {names}"
                 ) from None
         return mock
 
@@ -138,7 +138,7 @@ def by_hand(
     """Make ``count`` mocks with consecutive system ids; homes are 0.001° of longitude apart."""
     if system_id + count > 251:
         last = system_id + count - 1
-        raise MissionServiceError(f"system ids {system_id} to {last}: 250 is the highest")
+        raise MissionServiceError(f"system ids {system_id} to {last}: the highest valid id is 250")
     lat_deg, lon_deg, altitude_m = read_home(home)
     homes = ((lat_deg, lon_deg + FARTHER_DEG * number, altitude_m) for number in range(count))
     return around.fleet(
@@ -221,7 +221,7 @@ def listening(listen: str) -> str:
     address = parse_link(link)
     if not isinstance(address, LinkAddress) or address.kind not in ("udpin", "tcpin"):
         raise MissionServiceError(
-            f"--listen {listen}: not a listening link; give HOST:PORT, udpin or tcpin"
+            f"--listen {listen}: not a listening link; use HOST:PORT, udpin or tcpin"
         )
     return link
 
@@ -275,7 +275,7 @@ def run(
         if len(mocks.links) > 1:
             if len(fleet.mocks) > sum(isinstance(peer, MockAutopilot) for peer in fleet.peers):
                 raise MissionServiceError(
-                    "--fault: mocks with faults have one link; give one --link"
+                    "--fault: a mock with faults has only one link; specify one --link"
                 )
             fleet = ChannelGroup(fleet.mocks, len(mocks.links))
 

@@ -102,12 +102,12 @@ def results_folder(folder: Path, recipe: Recipe) -> Path:
         found = None
     if not isinstance(found, dict):
         raise MissionServiceError(
-            f"{path}: is missing or damaged, so that the settings of the results in this folder "
-            "are unknown; choose another folder with -o, or delete this folder"
+            f"{path}: is missing or corrupt, so the settings of the results in this folder are "
+            "unknown; choose another folder with -o, or delete this folder"
         )
     if found != recipe:
         raise MissionServiceError(
-            f"{folder}: contains results of other settings ({difference(found, recipe)}); choose "
+            f"{folder}: contains results with other settings ({difference(found, recipe)}); choose "
             "another folder with -o, or delete this folder"
         )
     return folder
@@ -135,7 +135,7 @@ def reading(path: Path) -> Iterator[None]:
         raise MissionServiceError(f"{path}: cannot be read: {error.strerror or error}") from None
     except DAMAGE as error:
         raise MissionServiceError(
-            f"{path}: is damaged ({' '.join(str(error).split())}); delete it and repeat the command"
+            f"{path}: is corrupt ({' '.join(str(error).split())}); delete it and repeat the command"
         ) from None
 
 

@@ -252,7 +252,7 @@ def _check_sensors(scenario: Scenario) -> None:
     """Raise ScenarioError for a sensor that uses the host's clock."""
     if names := clock_sensors_in(scenario):
         raise ScenarioError(
-            f"{scenario.name}: estimate.sensors: {names[0]} uses the time of the clock, which a "
+            f"{scenario.name}: estimate.sensors: {names[0]} uses wall-clock time, which a "
             "simulation does not have; use run, or remove the sensor"
         )
 

@@ -206,7 +206,9 @@ def read_measured(path: Path, landscape: Landscape) -> list[MeasuredWind]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ScenarioError(f"{path}: cannot be read as CSV: {error}") from None
     if not rows:
-        raise ScenarioError(f"{path}: has no measurements; the columns are {', '.join(COLUMNS)}")
+        raise ScenarioError(
+            f"{path}: contains no measurements; the columns are {', '.join(COLUMNS)}"
+        )
     return [_measured(f"{path}, line {line}", row, landscape) for line, row in enumerate(rows, 2)]
 
 
@@ -219,7 +221,7 @@ def _measured(where: str, row: dict[str, str | None], landscape: Landscape) -> M
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise ScenarioError(f"{where}: {name} = {text!r}; give a number in this column")
+            raise ScenarioError(f"{where}: {name} = {text!r}; this column must contain a number")
         values.append(value)
     lat_deg, lon_deg, above_m, speed_m_s, from_deg, *sd = values
     x_m, y_m = landscape.xy_of_lat_lon(lat_deg, lon_deg)

@@ -196,16 +196,20 @@ class VehicleAvailability:
     def refuses(self, order: Order) -> str:
         """Return why an order is not possible in this phase of a landing; "" if it is."""
         if self.landed and order in ("start", "resume", "takeoff"):
-            return f"{HAS_LANDED}: order it again when it is disarmed"
+            return f"{HAS_LANDED}: repeat the order when it is disarmed"
         if self.touched_down and order != "hold":
             return HAS_LANDED
         if order == "go-around":
             return "it is not landing" if self.landing == "none" else ""
         if order == "land":
-            return "" if self.landing == "none" else f"it is landing already ({self.landing})"
+            return "" if self.landing == "none" else f"it is already landing ({self.landing})"
         if order != "hold" and self.landing in ("final", "going around"):
             last_leg = "it is on its last leg: order go-around first"
-            return last_leg if self.landing == "final" else "it goes around: order it in the hold"
+            return (
+                last_leg
+                if self.landing == "final"
+                else "it is going around: repeat the order when it holds"
+            )
         return ""
 
     def needs_confirmation(self, order: Order) -> bool:

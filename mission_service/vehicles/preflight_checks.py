@@ -169,7 +169,7 @@ def _position(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
     age_s = departure.at_s - fix.at_s
     if age_s > POSITION_AGE_S:
         return PreflightCheck(
-            POSITION, "fail", f"the last one is {age_s:.0f} s old: check the link"
+            POSITION, "fail", f"the last position is {age_s:.0f} s old: check the link"
         )
     if not vehicle.availability.fix_good:
         return PreflightCheck(POSITION, "fail", "no 3-D fix: wait for the fix")
@@ -226,7 +226,7 @@ def _home(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
     away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)
     words, remedies = f"{away_m:.0f} m from the home in the scenario", []
     if away_m > HOME_NEAR_M:
-        remedies.append("carry it there, or correct home_lat_deg and home_lon_deg")
+        remedies.append("move it there, or correct home_lat_deg and home_lon_deg")
     if departure.ground_amsl_m is not None:
         above_m = fix.altitude_m - departure.ground_amsl_m
         side = "above" if above_m >= 0.0 else "below"
@@ -243,7 +243,7 @@ def _mission(vehicle: Vehicle) -> PreflightCheck:
     accepted = vehicle.accepted
     state: CheckState = "unknown"
     if vehicle.unconfirmed is not None:
-        words = "it is read back after a restart of the service"
+        words = "it is being read back after a restart of the service"
     elif vehicle.flown_line is not None and accepted is not None:
         words, state = f"mission {accepted.mission_id} accepted", "pass"
         if not accepted.takes_off:
@@ -253,7 +253,7 @@ def _mission(vehicle: Vehicle) -> PreflightCheck:
     elif vehicle.proposed is not None:
         words = f"mission {vehicle.proposed.mission_id} waits for an operator's acceptance"
     elif vehicle.mission_phases[-1] is MissionPhase.FAILED:
-        words = "the last upload failed, and is repeated"
+        words = "the last upload failed and is being repeated"
     elif vehicle.refusal is not None:
         words = f"refused by {vehicle.refusal.by}: order renew"
     else:
@@ -277,13 +277,13 @@ def _return(departure: Departure) -> PreflightCheck:
         return PreflightCheck(
             "return", "unknown", "no mission with a takeoff, no position or no elevation"
         )
-    words = f"returns from the mission are {departure.return_clearance_m:.0f} m above the ground"
+    words = f"a return from the mission is {departure.return_clearance_m:.0f} m above the ground"
     return PreflightCheck("return", "pass", words)
 
 
 def _wind(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
     speed_m_s, limit_m_s = math.hypot(*departure.wind_m_s), max_wind_m_s(vehicle.section)
-    words = f"{speed_m_s:.0f} m/s, the limit is {limit_m_s:.0f} m/s"
+    words = f"{speed_m_s:.0f} m/s; the limit is {limit_m_s:.0f} m/s"
     if speed_m_s >= limit_m_s:
         return PreflightCheck(WIND, "fail", f"{words}: wait for less wind")
     return PreflightCheck(WIND, "pass", words)
@@ -296,8 +296,8 @@ def _lost_link(vehicle: Vehicle) -> PreflightCheck:
     if not vehicle.lost_link:
         return PreflightCheck(name, "unknown", "its parameters have not been read")
     if wanted is None:
-        return PreflightCheck(name, "pass", f"if the link is lost it {vehicle.lost_link}")
-    words = f"if the link is lost it {vehicle.lost_link}, as in the scenario ({wanted})"
+        return PreflightCheck(name, "pass", f"if the link is lost, it {vehicle.lost_link}")
+    words = f"if the link is lost, it {vehicle.lost_link}, as in the scenario ({wanted})"
     return PreflightCheck(name, "pass", words)
 
 

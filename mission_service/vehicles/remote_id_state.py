@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-NONE_RECEIVED = "no message of a Remote ID module was received"
+NONE_RECEIVED = "no message was received from a Remote ID module"
 
 
 @dataclass(slots=True)

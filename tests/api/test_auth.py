@@ -39,7 +39,7 @@ def test_a_run_has_one_token_that_only_its_user_can_read(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("content", "mode", "why"),
-    [("short", 0o600, "contains no token"), ("a" * 43, 0o644, "other users may read it")],
+    [("short", 0o600, "contains no token"), ("a" * 43, 0o644, "other users can read it")],
 )
 def test_a_token_that_is_none_or_open_to_all_is_refused(
     tmp_path: Path, content: str, mode: int, why: str
@@ -57,13 +57,16 @@ def test_a_token_that_is_none_or_open_to_all_is_refused(
         ("[[tokens", "not valid TOML"),
         (
             GOOD.replace("fly", "all"),
-            "tokens.0.roles.0: give one of approve, correct, fly, look, observe;",
+            "tokens.0.roles.0: must be one of approve, correct, fly, look, observe;",
         ),
-        (GOOD.replace("0" * 64, "abc"), "tokens.0.sha256: give all 64 digits of the hash"),
-        (GOOD + "colour = 1\n", "tokens.0.colour: unknown key; give name, roles, sha256, station;"),
+        (GOOD.replace("0" * 64, "abc"), "tokens.0.sha256: must be all 64 digits of the hash"),
+        (
+            GOOD + "colour = 1\n",
+            "tokens.0.colour: unknown key; the keys are name, roles, sha256, station;",
+        ),
         (GOOD + GOOD, "two tokens have the name anna"),
         ("tokens = 7", "tokens"),
-        ("other = 7", "other: unknown key; give tokens;"),
+        ("other = 7", "other: unknown key; the keys are tokens;"),
     ],
 )
 def test_an_invalid_tokens_file_is_reported_in_one_line(

@@ -39,8 +39,8 @@ def test_the_name_of_a_photo_is_its_hash_and_format(form: str, extension: str) -
         (b"", "is not a photo"),
         (b"<html>", "is not a photo"),
         (picture("GIF"), "is not a photo"),
-        (picture("JPEG", (600, 400))[:900], "is damaged"),
-        (picture("PNG", (600, 400))[:400], "is damaged"),
+        (picture("JPEG", (600, 400))[:900], "is corrupt"),
+        (picture("PNG", (600, 400))[:400], "is corrupt"),
     ],
 )
 def test_other_files_are_refused_with_one_line(data: bytes, reason: str) -> None:

@@ -56,7 +56,7 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (ARDUPILOT, bare(400, 1.0), ("refused", "command"), "arm by command"),
     ((PLANE,), at(82), ("refused", "command"), "does not accept"),
     (BOTH_PX4, bare(112, 1.0), ("refused", "command"), "mission is rejected; use NAV_DELAY"),
-    (BOTH_PX4, bare(114, 1.0), ("refused", "command"), "mission is rejected; put a waypoint"),
+    (BOTH_PX4, bare(114, 1.0), ("refused", "command"), "mission is rejected; add a waypoint"),
     ((PLANE,), bare(42600, 1.0), ("dropped", "command"), "skips it"),
     ((PLANE,), bare(115, 90.0), ("dropped", "command"), "skips it"),
     ((COPTER,), at(30, 1.0), ("dropped", "command"), "skips it"),
@@ -65,7 +65,7 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (ALL, at(16, frame=7), ("refused", "frame"), "the frame is not accepted"),
     (BOTH_PX4, at(16, frame=10), ("refused", "frame"), "above terrain"),
     (BOTH_PX4, at(16, frame=11), ("refused", "frame"), "above terrain"),
-    (ARDUPILOT, at(16, frame=2), ("dangerous", "frame"), "above sea level"),
+    (ARDUPILOT, at(16, frame=2), ("dangerous", "frame"), "above mean sea level"),
     (BOTH_PX4, at(16, frame=2), ("refused", "frame"), "needs a position"),
     (BOTH_PX4, bare(211, 1.0, frame=3), ("refused", "frame"), "needs frame 2"),
     (BOTH_PX4, at(189), ("refused", "frame"), "needs frame 2"),
@@ -79,16 +79,16 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (ARDUPILOT, at(16, x=910000000), ("refused", "x"), "latitude is beyond 90"),
     (ARDUPILOT, at(16, y=1810000000), ("refused", "y"), "longitude is beyond 180"),
     (ARDUPILOT, at(16, z=NAN), ("refused", "z"), "the altitude is not a number"),
-    (ARDUPILOT, at(16, z=83000.0), ("refused", "z"), "under 83000 m"),
-    (BOTH_PX4, at(22, z=0.0), ("refused", "z"), "home's altitude"),
-    (BOTH_PX4, at(84, z=-1.0), ("refused", "z"), "home's altitude"),
+    (ARDUPILOT, at(16, z=83000.0), ("refused", "z"), "below 83000 m"),
+    (BOTH_PX4, at(22, z=0.0), ("refused", "z"), "home altitude"),
+    (BOTH_PX4, at(84, z=-1.0), ("refused", "z"), "home altitude"),
     # Values that are not numbers.
     (ARDUPILOT, at(17, 0, 0, NAN), ("refused", "param3"), "it is not a number"),
     (ARDUPILOT, at(19, 1.0, 0, 1.0, NAN), ("refused", "param4"), "it is not a number"),
     (ARDUPILOT, bare(183, 9.0, INF), ("refused", "param2"), "infinite"),
     (BOTH_PX4, bare(187, INF), ("dangerous", "param1"), "infinite"),
     # Values that overflow or are truncated.
-    (ARDUPILOT, at(17, 0, 0, 70000.0), ("dangerous", "param3"), "becomes 4464; give"),
+    (ARDUPILOT, at(17, 0, 0, 70000.0), ("dangerous", "param3"), "becomes 4464; use"),
     (ARDUPILOT, at(17, 0, 0, -70000.0), ("dangerous", "param3"), "becomes -4464"),
     (ARDUPILOT, at(17, 0, 0, 123.7), ("changed", "param3"), "becomes 123"),
     (ARDUPILOT, at(31, 0, -70000.0), ("dangerous", "param2"), "becomes -4464"),
@@ -113,10 +113,10 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (BOTH_PX4, at(16, 0, 0, 40.0), ("changed", "param3"), "does not store it"),
     (BOTH_PX4, at(21, 10.0), ("changed", "param1"), "does not store it"),
     # Modes.
-    (BOTH_PX4, at(201, 1.0), ("refused", "param1"), "give 0, 3"),
-    (BOTH_PX4, bare(201, 3.0), ("refused", "param1"), "give 0, 1, 2"),
-    (BOTH_PX4, at(80, 2.0), ("refused", "param1"), "give 0, 3"),
-    (BOTH_PX4, bare(80, 4.0), ("refused", "param1"), "give 0, 1, 2"),
+    (BOTH_PX4, at(201, 1.0), ("refused", "param1"), "use 0, 3"),
+    (BOTH_PX4, bare(201, 3.0), ("refused", "param1"), "use 0, 1, 2"),
+    (BOTH_PX4, at(80, 2.0), ("refused", "param1"), "use 0, 3"),
+    (BOTH_PX4, bare(80, 4.0), ("refused", "param1"), "use 0, 1, 2"),
     # Jumps without a valid target.
     (ALL, bare(177, 99.0), ("dangerous", "param1"), "no item has this index"),
     (ALL, bare(177, -1.0), ("dangerous", "param1"), "no item has this index"),
@@ -202,7 +202,7 @@ def test_the_longest_mission_counts_the_home_that_is_sent_along(stack: Stack, mo
     (problem,) = check(line_of(most + 1), stack)
     assert (problem.kind, problem.index, problem.value) == ("refused", None, most + 1)
     assert str(problem) == (
-        f"mission: count {most + 1}: the autopilot stores {most} items at most; send fewer"
+        f"mission: count {most + 1}: the autopilot stores at most {most} items; send fewer"
     )
 
 
@@ -259,8 +259,8 @@ FENCES: list[tuple[tuple[Stack, ...], Items, tuple[str, int | None, str], str]] 
     ),
     (ARDUPILOT, (replace(CIRCLE, param1=0.0),), ("refused", 0, "param1"), "radius above 0"),
     (BOTH_PX4, (replace(CIRCLE, param1=NAN),), ("dangerous", 0, "param1"), "radius above 0"),
-    (ARDUPILOT, (at(16),), ("refused", 0, "command"), "not an item of a fence"),
-    (BOTH_PX4, (at(16),), ("dangerous", 0, "command"), "not an item of a fence"),
+    (ARDUPILOT, (at(16),), ("refused", 0, "command"), "not a fence item"),
+    (BOTH_PX4, (at(16),), ("dangerous", 0, "command"), "not a fence item"),
     (ALL, (RETURN, CIRCLE, RETURN), ("refused", 2, "command"), "already has a return point"),
     (ARDUPILOT, (replace(CIRCLE, x=910000000),), ("refused", 0, "x"), "latitude"),
     (ALL, (replace(CIRCLE, frame=1),), ("refused", 0, "frame"), "not accepted"),

@@ -174,7 +174,7 @@ def test_the_same_id_twice_on_one_link_is_reported_and_not_mixed() -> None:
     air.run_for(20.0)
     (conflict,) = air.of(SameSystemId)
     assert (conflict.kept, conflict.left_out) == ("first", "second")
-    assert "second are discarded: give it another system id or a separate link" in str(conflict)
+    assert "second are discarded: assign it another system id or a separate link" in str(conflict)
     assert all(event.lat_deg == pytest.approx(36.3, abs=1e-4) for event in air.of(Position, 1))
     # Messages of the other vehicle behind the second remote are received.
     assert len(air.of(Connected)) == 2

@@ -235,7 +235,10 @@ def test_a_drop_is_refused_at_once_while_the_dropper_is_not_set_back() -> None:
     pair.run_for(1.0)
     finished = pair.of(DropFinished)
     assert [event.outcome for event in finished] == ["done", "refused"]
-    assert finished[1].reason == "late: the dropper was set 0.10 s ago and is not reset yet"
+    assert (
+        finished[1].reason
+        == "late: the dropper was triggered 0.10 s ago and has not been reset yet"
+    )
     assert len(mock.releases(SERVO)) == 1
 
 
@@ -269,11 +272,11 @@ def test_an_urgent_order_takes_back_drops_that_are_not_sent_yet(order: str) -> N
     [
         (PX4, SERVO, "PX4 has no DO_SET_SERVO; configure the dropper as a gripper"),
         (ARDUPILOT, ACTUATOR, "ArduPilot has no DO_SET_ACTUATOR"),
-        (ARDUPILOT, SERVO._replace(number=3), "number 3, give 5 to 16"),
-        (ARDUPILOT, SERVO._replace(release=19.0), "release 19, give 500 to 2500"),
-        (ARDUPILOT, SERVO._replace(rest=1900.0), "both 1900; give two values"),
-        (PX4, ACTUATOR._replace(number=7), "number 7, give 1 to 6"),
-        (PX4, ACTUATOR._replace(release=1900.0), "give -1 to 1"),
+        (ARDUPILOT, SERVO._replace(number=3), "number 3 must be 5 to 16"),
+        (ARDUPILOT, SERVO._replace(release=19.0), "release 19 must be 500 to 2500"),
+        (ARDUPILOT, SERVO._replace(rest=1900.0), "both 1900; they must differ"),
+        (PX4, ACTUATOR._replace(number=7), "number 7 must be 1 to 6"),
+        (PX4, ACTUATOR._replace(release=1900.0), "must be -1 to 1"),
         (PX4, GRIPPER._replace(hold_s=0.0), "hold of 0.0 s"),
     ],
 )
@@ -395,7 +398,7 @@ def test_a_return_leads_home_as_high_as_was_set(stack: Stack) -> None:
 
 @pytest.mark.parametrize("height_m", [0.0, 4000.0, math.nan])
 def test_a_return_height_that_cannot_be_is_an_error(height_m: float) -> None:
-    with pytest.raises(BridgeError, match="give 1 to 3000 m"):
+    with pytest.raises(BridgeError, match="must be 1 to 3000 m"):
         orders.return_height(PX4, height_m)
 
 

@@ -77,7 +77,7 @@ def test_a_failsafe_at_any_moment_of_an_upload_is_left_alone(stack: Stack, by_fi
         run_with_failsafe(pair, after_s)
         assert pair.mock.flight.mode == "rtl", after_s
         (ended,) = pair.of(TransferFinished)
-        by_autopilot = "its autopilot" in ended.result.reason
+        by_autopilot = "in the meantime" in ended.result.reason
         detected_us = pair.now_us - (LONG_S - 1.3) * SECOND  # the change is reported by a heartbeat
         assert by_autopilot or ended.at_us < detected_us, (after_s, ended.result)
 
@@ -91,7 +91,7 @@ def test_an_upload_to_px4_ends_when_the_autopilot_returns() -> None:
     run_with_failsafe(pair, 0.5)
     (ended,) = pair.of(TransferFinished)
     assert (ended.result.outcome, ended.result.holds) == ("cancelled", "the old one")
-    assert "its autopilot" in ended.result.reason
+    assert "in the meantime" in ended.result.reason
     assert pair.mock.missions.items == old
 
 
@@ -155,7 +155,7 @@ def test_an_order_is_not_repeated_against_a_failsafe(stack: Stack, name: str, ev
         if at < 28:  # the order is in progress when the failsafe begins
             (ended,) = pair.of(CommandFinished)
             assert not ended.accepted
-            assert "changed to return meanwhile" in ended.reason
+            assert "changed to return in the meantime" in ended.reason
         assert pair.mock.flight.mode == "rtl", at / 4.0
 
 
@@ -168,7 +168,7 @@ def test_an_order_that_waits_does_not_go_out_against_a_failsafe() -> None:
     assert pair.mock.flight.mode == "rtl"
     started, changed = sorted(pair.of(CommandFinished), key=lambda ended: ended.at_us)
     assert (started.name, changed.name) == ("start mission", "change speed")
-    assert "changed to return meanwhile" in started.reason
+    assert "changed to return in the meantime" in started.reason
 
 
 def test_a_person_may_still_order_it_out_of_its_failsafe() -> None:
@@ -210,7 +210,7 @@ def test_a_vehicle_that_disarms_is_not_armed_by_a_start_under_way() -> None:
     pair.mock.flight.armed = False
     pair.run_for(30.0)
     assert not pair.mock.flight.armed
-    assert "disarmed meanwhile" in pair.of(CommandFinished)[-1].reason
+    assert "disarmed in the meantime" in pair.of(CommandFinished)[-1].reason
 
 
 def test_a_mode_that_was_asked_for_may_come_late_and_one_before_it_not_much_later() -> None:
@@ -239,7 +239,7 @@ def test_a_failsafe_that_keeps_the_mode_is_not_thrown_out_of_its_landing() -> No
     (ended,) = pair.of(TransferFinished)
     assert ended.result.outcome == "failed"
     assert ended.result.holds == "the new one"
-    assert "went into failsafe meanwhile" in ended.result.reason
+    assert "entered failsafe in the meantime" in ended.result.reason
     assert pair.up.asked_to_begin() == []
 
 

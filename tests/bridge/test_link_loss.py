@@ -170,7 +170,7 @@ def test_every_wanted_reaction_is_reached_by_its_changes(stack: Stack) -> None:
 
 @pytest.mark.parametrize("wanted", ["hold", "land"])
 def test_arduplane_has_no_hold_and_no_landing_after_a_lost_link(wanted: Wanted) -> None:
-    with pytest.raises(BridgeError, match="it can: continue, return"):
+    with pytest.raises(BridgeError, match="supported: continue, return"):
         changes_for(PLANE, wanted, PLANE_DEFAULTS)
 
 

@@ -430,7 +430,7 @@ def test_a_file_that_is_no_log_is_reported_in_one_line(tmp_path: Path) -> None:
     empty = tmp_path / "empty.bin"
     empty.write_bytes(b"")
     for path, words in (
-        (other, "not a supported log: .tlog, .bin, .ulg"),
+        (other, "not a supported log; supported are .tlog, .bin, .ulg"),
         (empty, "is empty"),
         (tmp_path / "none.tlog", "cannot be read: No such file"),
     ):

@@ -76,4 +76,4 @@ def test_orbits_and_speeds_are_refused_in_words() -> None:
         finished = vehicle.next_event()
         assert isinstance(finished, events.CommandFinished)
         assert (finished.name, finished.accepted) == (command, False)
-        assert "use backend native" in finished.reason
+        assert 'use backend = "native"' in finished.reason

@@ -112,4 +112,4 @@ def test_what_ardupilot_would_refuse_midway_is_found_beforehand() -> None:
         assert bad is not None
         assert bad[0] == 5
         assert words in bad[1]
-    assert first_bad_item(line_of(656), 655) == (655, "the autopilot stores 655 items at most")
+    assert first_bad_item(line_of(656), 655) == (655, "the autopilot stores at most 655 items")

@@ -279,7 +279,7 @@ def test_no_order_outlives_a_restart_of_the_autopilot() -> None:
     pair.up = MemoryLink()
     pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, 250_000)
     ended = outcome(pair, command_id)
-    assert ended.reason == "its autopilot changed to stabilised meanwhile"
+    assert ended.reason == "the autopilot changed to stabilised in the meantime"
     assert pair.of(Rebooted) == []
     pair.run_for(15.0)
     assert len(pair.of(Rebooted)) == 1
@@ -311,9 +311,9 @@ def test_orders_need_a_vehicle_and_takeoff_a_position() -> None:
     ("order", "words"),
     [
         (lambda: orders.takeoff(PX4, 0.0, 300.0), "takeoff to 0.0 m"),
-        (lambda: orders.reposition(PX4, 91.0, 0.0, 300.0), "is not on Earth"),
-        (lambda: orders.reposition(PLANE, math.nan, 0.0, 300.0), "is not on Earth"),
-        (lambda: orders.reposition(PLANE, 0.0, 0.0, 300.0), "as their position"),
+        (lambda: orders.reposition(PX4, 91.0, 0.0, 300.0), "is not a valid position"),
+        (lambda: orders.reposition(PLANE, math.nan, 0.0, 300.0), "is not a valid position"),
+        (lambda: orders.reposition(PLANE, 0.0, 0.0, 300.0), "as their current position"),
         (lambda: orders.reposition(PLANE, 36.0, -84.0, math.nan), "altitude nan"),
         (lambda: orders.orbit(PX4, *PLACE, 300.0, 0.0), "orbit of radius 0.0"),
         (lambda: orders.orbit(PX4_COPTER, *PLACE, 300.0, 1001.0), "1 to 1000 m"),

@@ -142,7 +142,7 @@ def test_a_silent_autopilot_ends_the_reading() -> None:
 @pytest.mark.parametrize("name", ["", "A" * 17, "WÄRME"])
 def test_names_that_no_parameter_can_have_are_refused(name: str) -> None:
     pair = pair_of(PX4)
-    with pytest.raises(BridgeError, match="is not a parameter name"):
+    with pytest.raises(BridgeError, match="is not a valid parameter name"):
         pair.client.read_parameter(name, pair.now_us)
 
 

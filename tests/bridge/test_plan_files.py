@@ -186,11 +186,11 @@ def changed(tmp_path: Path, change: dict[str, Any]) -> Path:
     [
         ("mission.items.0", {"type": "ComplexItem", "complexItemType": "survey"}, "survey"),
         ("mission.items.0.type", "ComplexItem", "item 0 is a ComplexItem"),
-        ("mission.items.0", 5, "item 0 is damaged"),
-        ("mission.items.0.params", [1, 2], "item 0 is damaged: params is not a list of 7"),
-        ("mission.items.0.params.0", "12", "params has '12'"),
-        ("mission.items.0.params.0", True, "params has True"),
-        ("mission.items.0.params.0", 10**400, "params has 1000"),
+        ("mission.items.0", 5, "item 0 is not a JSON object"),
+        ("mission.items.0.params", [1, 2], "item 0 is invalid: params is not a list of 7"),
+        ("mission.items.0.params.0", "12", "params is '12'"),
+        ("mission.items.0.params.0", True, "params is True"),
+        ("mission.items.0.params.0", 10**400, "params is 1000"),
         ("mission.items.0.params.4", 300.0, "param 5"),
         ("mission.items.0.command", 22.5, "command is 22.5"),
         ("mission.items.0.frame", 256, "frame is 256"),
@@ -233,8 +233,11 @@ def test_what_is_no_plan_is_refused_with_its_name(tmp_path: Path, text: str) -> 
     ("plan", "words"),
     [
         (Plan((MissionItem(16, 0, 0, 0, math.inf),)), "inf"),
-        (Plan((), (MissionItem(5001, 0, 0, 0, 0.0, 3.0),)), "fence item 0 is a vertex of 3"),
-        (Plan((), (MissionItem(5001, 0, 0, 0, 0.0, math.nan),)), "fence item 0 is a vertex of nan"),
+        (Plan((), (MissionItem(5001, 0, 0, 0, 0.0, 3.0),)), "fence item 0 is one of 3 vertices"),
+        (
+            Plan((), (MissionItem(5001, 0, 0, 0, 0.0, math.nan),)),
+            "fence item 0 is one of nan vertices",
+        ),
         (Plan((), (MissionItem(5003, 0, 0, 0, 0.0, 9.0, 1.0),)), "params 2 to 4"),
         (Plan((), (MissionItem(16, 0, 0, 0, 0.0),)), "fence item 0: unexpected NAV_WAYPOINT"),
         (Plan((), (), (MissionItem(5100, 0, 0, 0, 0.0),)), "rally point 0 has frame 0"),
@@ -324,6 +327,6 @@ def test_the_suffix_selects_the_format_and_another_is_refused(tmp_path: Path) ->
         write_any(str(tmp_path / name), plan, None)
         assert len(read_any(str(tmp_path / name)).mission) == len(plan.mission)
     for name in ("first.xyz", "first"):
-        with pytest.raises(BridgeError, match=r"first.*: give \.plan, \.waypoints or \.txt"):
+        with pytest.raises(BridgeError, match=r"first.*; use \.plan, \.waypoints or \.txt"):
             write_any(tmp_path / name, plan, None)
         assert not (tmp_path / name).exists()

@@ -268,7 +268,7 @@ def test_a_vehicle_that_stays_where_it_was_moved_to_is_there() -> None:
     vehicle.fly(9.0)
     assert max(vehicle.norths_m()) == 9600
     assert [event.kind for event in vehicle.of(Implausible)] == ["jump", "jump"]
-    assert "is used now" in str(vehicle.of(Implausible)[1])
+    assert "is now accepted" in str(vehicle.of(Implausible)[1])
 
 
 def test_places_a_little_off_do_not_lead_away() -> None:

@@ -199,7 +199,7 @@ def test_a_crash_costs_less_than_the_lead_receivers_allow(tmp_path: Path) -> Non
 
 def test_a_clock_before_2015_or_a_spoilt_file_is_reported(tmp_path: Path) -> None:
     file = tmp_path / "signing"
-    with pytest.raises(BridgeError, match="clock is before 2015"):
+    with pytest.raises(BridgeError, match="clock is set to a time before 2015"):
         Timestamps(lambda: EPOCH_US - 1, file)
     file.write_text("no number")
     with pytest.raises(BridgeError, match="contains no timestamp"):

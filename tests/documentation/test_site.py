@@ -165,7 +165,7 @@ def test_a_damaged_archive_gives_one_line(tmp_path: Path) -> None:
 def test_a_port_in_use_gives_one_line(tmp_path: Path) -> None:
     with (
         site_server(0, tmp_path) as first,
-        pytest.raises(MissionServiceError, match="give another --port"),
+        pytest.raises(MissionServiceError, match="choose another --port"),
     ):
         site_server(first.server_port, tmp_path)
 

@@ -44,7 +44,7 @@ def test_a_vehicle_is_at_its_reported_position_and_grows_stale() -> None:
     assert (point.get("lat"), point.get("lon")) == ("36.5000000", "-84.2500000")
     assert point.get("hae") == "9999999.0"  # not the height above sea level
     assert (track.get("course"), track.get("speed")) == ("43.2", "18.25")
-    assert event.findtext("detail/remarks") == "560 m above the sea, 150 m above ground"
+    assert event.findtext("detail/remarks") == "560 m above sea level, 150 m above ground"
     copter = vehicle_event(state, "copter", "east", UNIX_US, 1)
     assert ElementTree.fromstring(copter).get("type") == "a-f-A-M-H-Q"
 
@@ -202,7 +202,9 @@ def test_a_refused_certificate_is_reported_and_replaced_without_a_restart(
             await until(lambda: "unknown ca" in str(alarms.get("cot")).lower())
             assert not got
             (tmp_path / "own.pem").write_text("damaged", encoding="utf-8")
-            await until(lambda: "no certificate and key" in str(alarms.get("cot")))
+            await until(
+                lambda: "the certificate and key cannot be loaded" in str(alarms.get("cot"))
+            )
             install("client")
             await until(lambda: got.startswith(b"<event") and "cot" not in alarms)
 

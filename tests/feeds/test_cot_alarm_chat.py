@@ -43,7 +43,7 @@ def test_an_alarm_is_sent_when_it_begins_changes_and_ends() -> None:
     assert chat.send([alarm()]) == ["ALARM lost"]
     assert chat.send([alarm()]) == []
     assert chat.send([alarm(text="lost for 1 min")]) == ["ALARM lost for 1 min"]
-    assert chat.send([]) == ["End of the alarm: lost for 1 min"]
+    assert chat.send([]) == ["Alarm cleared: lost for 1 min"]
     assert chat.send([]) == []
     assert chat.send([alarm()]) == ["ALARM lost"]
 
@@ -81,11 +81,11 @@ def test_ends_of_alarms_are_sent_again_too() -> None:
     chat.send([alarm()])
     chat.send([])
     chat.chat.connection_lost(0)
-    assert chat.send([]) == ["End of the alarm: lost"]
+    assert chat.send([]) == ["Alarm cleared: lost"]
     assert chat.uids[1] == chat.uids[2]
     chat.chat.connected(0)
     chat.chat.handle_timer(REPEAT_US)
-    assert chat.send([]) == ["End of the alarm: lost"]
+    assert chat.send([]) == ["Alarm cleared: lost"]
     chat.chat.handle_timer(REPEAT_US + UNSURE_US)
     chat.chat.connection_lost(0)
     assert chat.send([]) == []

@@ -156,7 +156,7 @@ def test_a_password_outside_the_package_applies(
     text = files["certs/server.pref"].replace(b"client's", b"").replace(b"atakatak", b"")
     path = packed(tmp_path / "package.zip", files, server=text)
     settings = CotSection(data_package=path, data_package_password="env:TAK_PASSWORD")
-    with pytest.raises(MissionServiceError, match="no variable TAK_PASSWORD"):
+    with pytest.raises(MissionServiceError, match="variable TAK_PASSWORD is not set"):
         endpoint_of(settings)
     monkeypatch.setenv("TAK_PASSWORD", "wrong")
     with pytest.raises(MissionServiceError, match=r"the password of ca\.p12 is wrong"):
@@ -169,16 +169,16 @@ Changed = Callable[[dict[str, bytes]], dict[str, bytes | None]]
 DAMAGED: dict[str, tuple[Changed, str]] = {
     "missing": (lambda files: {"ca": None}, "ca.p12, which its manifest lists, is missing"),
     "pref": (lambda files: {"server": None, "manifest": None}, "contains no .pref file"),
-    "xml": (lambda files: {"server": b"<preferences"}, "server.pref is not readable XML"),
+    "xml": (lambda files: {"server": b"<preferences"}, "server.pref is not valid XML"),
     "doctype": (lambda files: {"manifest": b"<!DOCTYPE a><a/>"}, "contains a DOCTYPE"),
     "p12": (
         lambda files: {"client": files["certs/Client.p12"][:500]},
         "client.p12 is not a PKCS #12 file",
     ),
-    "no key": (lambda files: {"client": None, "manifest": None}, "client.p12, the file of"),
+    "no key": (lambda files: {"client": None, "manifest": None}, "client.p12, the file named by"),
     "enrolment": (
         lambda files: {"server": files["certs/server.pref"].replace(b"certificateLoc", b"x")},
-        "contains no certificate of a client",
+        "contains no client certificate",
     ),
     "no server": (lambda files: {"server": b"<preferences/>"}, "connectString0 is ''"),
     "protocol": (lambda files: {"server": pref("a:8089:quic")}, "only HOST:PORT:ssl and"),
@@ -204,7 +204,7 @@ def test_truncated_packages_are_refused(tmp_path: Path, files: dict[str, bytes])
     short = tmp_path / "short.zip"
     for size in range(0, len(data), 97):
         short.write_bytes(data[:size])
-        with pytest.raises(MissionServiceError, match=r"damaged: it is not a complete ZIP file"):
+        with pytest.raises(MissionServiceError, match=r"corrupt: it is not a complete ZIP file"):
             endpoint_of(CotSection(data_package=short))
     with zipfile.ZipFile(short, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("server.pref", bytes(11_000_000))
@@ -218,7 +218,7 @@ def test_a_package_replaces_the_other_keys(tmp_path: Path) -> None:
         CotSection(data_package=package, url="tls://a:1", tls_ca=package)
     with pytest.raises(ValidationError, match="data_package_password requires data_package"):
         CotSection(data_package_password="env:A")
-    with pytest.raises(ValidationError, match="give the source of the password"):
+    with pytest.raises(ValidationError, match="specify the source of the password"):
         CotSection(data_package=package, data_package_password="secret")
     with pytest.raises(ScenarioError, match=r"data_package: no such file"):
         load_run("demo", ("service.cot.data_package=none.zip",))

@@ -189,23 +189,23 @@ def test_other_events_are_no_reports() -> None:
         (marker(place=(90.5, -84.1)), "is not a latitude"),
         (marker(place=("", "")), "is not a latitude"),
         (shape((HERE, ("x", 1))), "is not a latitude"),
-        (shape(((1, 2), (1,) * 2))[:-20] + b"</event>", "not readable XML"),
-        (shape((HERE,)), "needs 2 places and has 1"),
+        (shape(((1, 2), (1,) * 2))[:-20] + b"</event>", "not valid XML"),
+        (shape((HERE,)), "needs at least 2 points but has 1"),
         (shape().replace(b"<creator", b"<creature"), "does not name its creator"),
-        (shape(kind="u-rb-a"), "the type u-rb-a is not used"),
-        (telestration(b"<event><detail></detail></event>"), "needs 2 places and has 0"),
+        (shape(kind="u-rb-a"), "the type u-rb-a is not supported"),
+        (telestration(b"<event><detail></detail></event>"), "needs at least 2 points but has 0"),
         (telestration(*[shape()] * 21), "it has 21 strokes; the limit is 20"),
         (telestration(b"<!DOCTYPE x><event/>"), "DOCTYPE"),
         (circle([]), "has no radius"),
         (circle([("nan", 5)]), "major = nan is not a number"),
         (circle([(1e9, 1e9)]), "has the radii 1e"),
         (circle([(-5, -5)]), "has the radii -5 and -5 m"),
-        (marker().replace(b"time='2026", b"time='xx26"), "unknown format of time"),
+        (marker().replace(b"time='2026", b"time='xx26"), "unknown time format"),
         (marker(title="x" * 300), "callsign has 300 characters"),
         (b"<event uid='' type='a-u-G'></event>", "no uid"),
         (b"<other></other>", "root element is not <event>"),
-        (b"", "not readable XML"),
-        (b"\xff\xfe<\x00e\x00", "not readable XML"),
+        (b"", "not valid XML"),
+        (b"\xff\xfe<\x00e\x00", "not valid XML"),
     ],
 )
 def test_events_that_cannot_be_used_have_a_reason_in_one_line(data: bytes, reason: str) -> None:
@@ -222,9 +222,9 @@ def test_entities_are_never_expanded() -> None:
     )
     with pytest.raises(CotEventError, match="DOCTYPE"):
         parse_event(bomb.replace(b"burning 1", b"&e9;"))
-    with pytest.raises(CotEventError, match="not readable XML"):  # without the declaration
+    with pytest.raises(CotEventError, match="not valid XML"):  # without the declaration
         parse_event(marker().replace(b"burning 1", b"&e9;"))
-    with pytest.raises(CotEventError, match="not readable XML"):  # an encoding that hides it
+    with pytest.raises(CotEventError, match="not valid XML"):  # an encoding that hides it
         parse_event(bomb.decode().encode("utf-16"))
 
 

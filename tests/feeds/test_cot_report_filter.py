@@ -92,8 +92,12 @@ def test_a_marker_of_an_accepted_user_is_a_request() -> None:
 @pytest.mark.parametrize(
     ("group", "role", "problem"),
     [
-        ("Blue", "Team Member", "its creator is in the group Blue, which is not in groups"),
-        ("CYAN", "HQ", "its creator has the role HQ, which is not in roles"),
+        (
+            "Blue",
+            "Team Member",
+            "its creator is in the group Blue, which is not listed in `groups`",
+        ),
+        ("CYAN", "HQ", "its creator has the role HQ, which is not listed in `roles`"),
         ("Red", "", r"its creator has the role \(none\)"),
     ],
 )
@@ -248,7 +252,7 @@ def test_a_refusal_of_the_request_handler_is_tried_again_after_a_minute() -> Non
 def test_few_reports_wait_for_unknown_users() -> None:
     found = Filter()
     lines = found.problems(*(marker(uid=f"m{n}", creator=f"c{n}") for n in range(MAX_WAITING + 3)))
-    assert lines == [f"more than {MAX_WAITING} reports of unknown users wait"] * 3
+    assert lines == [f"more than {MAX_WAITING} reports from unknown users are waiting"] * 3
 
 
 @pytest.mark.parametrize(

@@ -154,10 +154,10 @@ def test_reports_of_a_tak_server_reach_the_estimate_once(
     assert area_ha(world) > before_ha
     of_faith, outside_line = lines(world)
     assert of_faith == (
-        "a TAK report is not used: burned of HOPE: its creator is in the group Blue, "
-        "which is not in groups"
+        "a TAK report is not used: burned from HOPE: its creator is in the group Blue, "
+        "which is not listed in `groups`"
     )
-    assert outside_line.startswith("a TAK report is not used: burned of HOPE: observe: 0, 0 is")
+    assert outside_line.startswith("a TAK report is not used: burned from HOPE: observe: 0, 0 is")
     (source,) = [each for each in world.context.state_view.sources() if "cot:" in each.source]
     assert (source.source, source.kind) == (f"cot:HOPE at cot:{HOPE}", "person")
     assert verify(world.context.journal_path).difference is None
@@ -270,7 +270,7 @@ def test_a_flood_is_read_slowly_and_announced_with_few_lines(
     assert len(lines(world)) == event_receiver.LINES_AT_ONCE
     now_us[0] += 11_000_000
     asyncio.run(flood(lambda number: marker(uid="last", creator="u1999"), 1))
-    assert lines(world)[-1].endswith("(281 further lines are omitted)")
+    assert lines(world)[-1].endswith("(281 more lines omitted)")
     assert reports(world) == []
 
 

@@ -201,7 +201,7 @@ def test_deliveries_without_an_end_are_bounded(monkeypatch: pytest.MonkeyPatch) 
         answers = asyncio.run(look(f"json://127.0.0.1:{port}"))
     assert answers == [
         *["no answer within 0 s"] * 2,
-        "the server keeps 2 deliveries open without an answer",
+        "the server has not answered 2 earlier deliveries",
     ]
 
 
@@ -209,7 +209,7 @@ def test_deliveries_without_an_end_are_bounded(monkeypatch: pytest.MonkeyPatch) 
     ("url", "problem"),
     [
         ("nonsense", "is not an address that Apprise supports"),
-        ("env:NO_SUCH_VARIABLE_HERE", "has no variable NO_SUCH_VARIABLE_HERE"),
+        ("env:NO_SUCH_VARIABLE_HERE", "environment variable NO_SUCH_VARIABLE_HERE is not set"),
         ("file:/no/such/file", "No such file"),
     ],
 )

@@ -376,5 +376,5 @@ def test_nothing_is_lit_where_or_when_it_cannot_be(
 def test_time_only_goes_forward(to_s: float) -> None:
     fire = AnyAngleFire(landscape(1), steady(), [(20, 20, 0.0)])
     fire.advance(10.0)
-    with pytest.raises(FireModelError, match="give a later, finite time"):
+    with pytest.raises(FireModelError, match="use a later, finite time"):
         fire.advance(to_s)

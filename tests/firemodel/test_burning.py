@@ -84,7 +84,7 @@ def test_what_cannot_be_taken_over_is_refused() -> None:
     with pytest.raises(FireModelError, match=r"every cell has an arrival by 59.0 s"):
         burning_from_arrival(np.zeros(LAND.shape), LAND, 59.0)
     with pytest.raises(
-        FireModelError, match=r"arrival is \(81, 80\) cells, the landscape \(81, 81"
+        FireModelError, match=r"arrival has the shape \(81, 80\), but the landscape \(81, 81"
     ):
         burning_from_arrival(arrival_s[:, 1:], LAND, 60.0)
 
@@ -116,11 +116,11 @@ def test_what_is_burning_has_to_fit_the_landscape_and_its_time() -> None:
     later, lost = good.arrival_s.copy(), good.arrival_s.copy()
     later[40, 41], lost[3, 4] = 61.0, np.nan
     for changed, message in (
-        ({"arrival_s": good.arrival_s[1:]}, r"arrival is \(80, 81\) cells, the landscape"),
+        ({"arrival_s": good.arrival_s[1:]}, r"arrival has the shape \(80, 81\), but the landscape"),
         ({"arrival_s": later}, r"61.0 at row 40, column 41 \(1 such cells\); .* at_s = 60.0"),
         ({"arrival_s": lost}, r"nan at row 3, column 4"),
         ({"at_s": math.nan}, r"at_s = nan"),
-        ({"front": good.front.T}, r"front is \(2, "),
+        ({"front": good.front.T}, r"front has the shape \(2, "),
         ({"front": np.array([[3.0, 4.0], [3.0, 80.6]])}, r"row 3, column 80.6, off the landscape"),
     ):
         with pytest.raises(FireModelError, match=message):

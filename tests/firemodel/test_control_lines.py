@@ -230,7 +230,7 @@ def test_lines_are_built_one_after_another_and_polygons_are_outlines() -> None:
     cells = np.concatenate([each.cells for each in closings_along([ring], LAND, 0.0)])
     assert len(np.unique(cells)) == 40
     for wrong, message in (
-        (shapely.Point(WEST_M, NORTH_M), "Point; give lines"),
+        (shapely.Point(WEST_M, NORTH_M), "Point, not a line"),
         (shapely.LineString([(0, 0), (1, 1)]), "no part of it is on the landscape"),
         (shapely.LineString([(0, 0), (1e9, 1)]), "extends far from the landscape"),
         (shapely.LineString([(0, 0), (np.inf, np.inf)]), "extends far from the landscape"),

@@ -142,5 +142,5 @@ def test_chance_perturbed_burns_faster() -> None:
 @pytest.mark.parametrize("factors", [(np.inf, 0.0, 1.0), (1.0, np.nan, 1.0), (1.0, 0.0, -1.0)])
 def test_a_perturbation_without_meaning_is_refused(factors: tuple[float, float, float]) -> None:
     fire = AnyAngleFire(landscape(np.full((9, 9), 1)), steady(), [(4, 4, 0.0)])
-    with pytest.raises(FireModelError, match=r"perturb: .* give factors from 0 to"):
+    with pytest.raises(FireModelError, match=r"perturb: .* factors must be 0 to"):
         fire.perturb(*factors)

@@ -96,7 +96,7 @@ def test_a_spot_where_fire_never_comes_burns_if_it_is_marked_so() -> None:
 
 
 def test_a_raster_off_the_landscape_is_refused() -> None:
-    with pytest.raises(FireModelError, match=r"arrival is \(3, 3\) cells"):
+    with pytest.raises(FireModelError, match=r"arrival has the shape \(3, 3\)"):
         corrected_arrival(np.zeros((3, 3)), LAND, np.empty((0, 4)))
 
 

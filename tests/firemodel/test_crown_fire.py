@@ -204,10 +204,10 @@ def test_intensity_and_flame_length_include_the_canopy() -> None:
 
 
 def test_a_landscape_without_canopy_layers_is_refused() -> None:
-    with pytest.raises(FireModelError, match="crown fire: the landscape has no canopy_height and"):
+    with pytest.raises(FireModelError, match="crown fire: the landscape lacks canopy_height and"):
         firemodel.burn(landscape(10), steady(), crown="cruz")
     bare = replace(forest(), canopy_bulk_density_kg_m3=None)
-    with pytest.raises(FireModelError, match="no canopy_bulk_density; give the layer"):
+    with pytest.raises(FireModelError, match="lacks canopy_bulk_density; add what is missing"):
         firemodel.burn(bare, steady(), crown="cruz")
 
 

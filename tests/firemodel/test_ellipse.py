@@ -293,8 +293,8 @@ def test_lines_are_points() -> None:
         ((Spread(0.0, 0.1, 0.0, 0.1, 0.0),), np.empty((0, 3)), "spread 0: .*positive, or all 0"),
         ((Spread(0.0, -0.1, 0.1, 0.1, 0.0),), np.empty((0, 3)), "spread 0: .*positive"),
         ((Spread(0.0, 0.1, 0.1, 0.1, math.nan),), np.empty((0, 3)), "spread 0"),
-        ((*STEADY, *STEADY), np.empty((0, 3)), "spread 1: from_s = 0.0 is not after"),
-        (STEADY, np.zeros((4, 2)), r"sources are \(4, 2\)"),
+        ((*STEADY, *STEADY), np.empty((0, 3)), "spread 1: from_s = 0.0 is not later"),
+        (STEADY, np.zeros((4, 2)), r"sources have the shape \(4, 2\)"),
         (STEADY, np.array([[0.0, 0.0, math.nan]]), "source 0: .*must be finite"),
     ],
 )

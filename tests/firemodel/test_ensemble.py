@@ -277,7 +277,7 @@ def test_an_ensemble_advances_copies_perturbs_and_resamples() -> None:
     grown = [int(fire.burned().sum()) for fire in many.fires]
     assert grown[0] < grown[1]
     for wrong in ([], [3], [-1]):
-        with pytest.raises(FireModelError, match="give numbers from 0 to 2"):
+        with pytest.raises(FireModelError, match="use numbers from 0 to 2"):
             many.resample(wrong)
     with pytest.raises(FireModelError, match="same time"):
         Ensemble([many.fires[0], twin.fires[0]])

@@ -89,14 +89,14 @@ def test_a_scheme_by_chance_takes_its_settings() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"scheme": "zigzag"}, "scheme = 'zigzag': give one of anyangle, devs8, probabilistic"),
-        ({"ignitions": (36.364, -84.141)}, r"ignitions = .*: give one or more \(latitude"),
-        ({"ignitions": [("a", "b")]}, "ignitions = .*: give one or more"),
-        ({"ignitions": [(36.364, -84.141, 0.0)]}, "ignitions = .*: give one or more"),
-        ({"ignitions": []}, "ignitions = .*: give one or more"),
-        ({"duration_s": "x"}, "duration_s = 'x': give a number of seconds"),
-        ({"weather": []}, r"weather = \[\]: give a Weather"),
-        ({"landscape": 5}, "landscape = 5: give a Landscape"),
+        ({"scheme": "zigzag"}, "scheme = 'zigzag': must be one of anyangle, devs8, probabilistic"),
+        ({"ignitions": (36.364, -84.141)}, r"ignitions = .*: must be one or more \(latitude"),
+        ({"ignitions": [("a", "b")]}, "ignitions = .*: must be one or more"),
+        ({"ignitions": [(36.364, -84.141, 0.0)]}, "ignitions = .*: must be one or more"),
+        ({"ignitions": []}, "ignitions = .*: must be one or more"),
+        ({"duration_s": "x"}, "duration_s = 'x': must be a number of seconds"),
+        ({"weather": []}, r"weather = \[\]: must be a Weather"),
+        ({"landscape": 5}, "landscape = 5: must be a Landscape"),
         (
             {"wind": 3.0},
             "wind: scheme anyangle has no such setting; it has wind_limit, precise, crown,",

@@ -123,7 +123,7 @@ def test_the_likely_area_has_the_largest_expected_overlap() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda seen: seen._replace(at_s=100.0), "not after the last observation"),
+        (lambda seen: seen._replace(at_s=100.0), "not later than that of the last observation"),
         (
             lambda seen: mapped_perimeter(translate(seen.area, 900.0, 600.0), LAND, seen.at_s),
             "of the area that had burned",

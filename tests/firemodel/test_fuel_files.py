@@ -66,8 +66,8 @@ def test_an_older_file_has_static_models_and_two_heats(tmp_path: Path) -> None:
         ("", "contains no fuel model"),
         (ENGLISH.replace("20 ", "5 "), "line 2: fuel code 5 is a standard fuel model"),
         (ENGLISH.replace("20 ", "x "), "line 2: fuel code 'x' must be a whole number"),
-        (ENGLISH + ENGLISH.split("\n")[1], "line 3: fuel code 20 is in the file twice"),
-        ("20 1 2 3\n", "line 1: 4 fields; give number, code, five loads"),
+        (ENGLISH + ENGLISH.split("\n")[1], "line 3: fuel code 20 occurs twice in the file"),
+        ("20 1 2 3\n", "line 1: 4 fields; required are number, code, five loads"),
         (ENGLISH.replace("0.6 1 ", "0.6 one "), "line 2: a value is 'one'"),
         (ENGLISH.replace(" 0.5 0.5 0 ", " 0 0 0 "), "loads of dead fuel are 0"),
         (ENGLISH.replace("ENGLISH", "METRIC"), "line 2: fuel model 20: "),
@@ -121,7 +121,7 @@ def test_moistures_of_single_fuels_in_percent(tmp_path: Path) -> None:
         ("", "contains no moistures"),
         ("0 3 4 6 70\n", "line 1: 5 fields"),
         ("0 3 4 6 70 900\n", "line 1: a moisture is '900'"),
-        ("0 3 4 6 70 90\n0 3 4 6 70 90\n", "line 2: fuel code 0 is in the file twice"),
+        ("0 3 4 6 70 90\n0 3 4 6 70 90\n", "line 2: fuel code 0 occurs twice in the file"),
     ):
         with pytest.raises(FireModelError, match=message):
             read_fuel_moistures(written(tmp_path, text, "b.fms"))
@@ -142,7 +142,7 @@ def test_a_lookup_table_beside_the_raster_shows_another_system(tmp_path: Path) -
     written(tmp_path, "not, a table\n", "other_lookup_table.csv")
     assert (read_landscape(files).fuel_model == 1).all()
     written(tmp_path, FBP, "fbp_lookup_table.csv")
-    with pytest.raises(FireModelError, match=r"Canadian FBP: there, code 1 is C-1, here short"):
+    with pytest.raises(FireModelError, match=r"Canadian FBP, in which code 1 is C-1, not short"):
         read_landscape(files)
     assert (read_landscape(files, fuel_codes={1: 10}).fuel_model == 10).all()
 

@@ -104,7 +104,7 @@ def test_a_file_is_replaced_as_a_whole_or_not_at_all(tmp_path: Path) -> None:
             part.write_bytes(b"half")
             raise OSError("full")
 
-    with pytest.raises(FireModelError, match=r"x.tif: cannot be written: full; give another"):
+    with pytest.raises(FireModelError, match=r"x.tif: cannot be written: full; use another"):
         write_half()
     assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"old"]
     with whole_file(path) as part:

@@ -71,8 +71,8 @@ def test_all_problems_are_reported_and_not_only_the_first(tmp_path: Path) -> Non
         "slope.tif: shape (3, 4) differs from the shape (2, 4) of",
         "aspect.tif: has no CRS",
         "fuel.tif: unknown fuel code 14 at row 0, column 1",
-        "dem.tif: no data: value -9999.0 at row 1, column 2",
-        "slope.tif: unit of slope unknown",
+        "dem.tif: cells without data: value -9999.0 at row 1, column 2",
+        "slope.tif: the unit of slope is unknown",
         "aspect.tif: aspect is 396 at row 0, column 2",
     ]
     assert len(problems) == len(expected)
@@ -94,7 +94,7 @@ def test_a_good_landscape_has_no_problems_and_is_read(tmp_path: Path) -> None:
     assert read_landscape(files).shape == (2, 4)
     only_fuel = describe_rasters({"fuel": files["fuel"]})["problems"]
     assert only_fuel == [
-        "landscape: elevation, slope and aspect are missing; give the elevation, or slope and "
+        "landscape: elevation, slope and aspect are missing; specify the elevation, or slope and "
         "aspect"
     ]
 
@@ -113,7 +113,7 @@ def test_a_stack_is_described_by_its_band_names(tmp_path: Path) -> None:
     unnamed = describe(stack(tmp_path / "b.tif", ()))
     assert "no band's description names a layer" in unnamed["problems"][0]
     assert (
-        "b.tif band 3: -9999 at row 0, column 0 (8 such cells) is probably no data"
+        "b.tif band 3: -9999 at row 0, column 0 (8 such cells) probably means no data"
         in unnamed["problems"][1]
     )
     assert len(describe(tmp_path / "b.tif", nodata=-9999)["problems"]) == 1
@@ -226,12 +226,12 @@ def test_a_note_on_codes_of_another_system_in_an_unnamed_band(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("name", "text", "problem"),
     [
-        ("a.wnd", "", "a.wnd: contains no wind; give at least one line"),
-        ("a.wnd", "7 15 0 5 270 0\n7 15 12\n", "a.wnd line 2: 3 fields; give month"),
+        ("a.wnd", "", "a.wnd: contains no wind; add at least one line"),
+        ("a.wnd", "7 15 0 5 270 0\n7 15 12\n", "a.wnd line 2: 3 fields; required are month"),
         ("a.wnd", "7 15 0 x 270 0\n", "a.wnd line 1: wind speed is 'x'"),
         ("a.wnd", "7 15 0 5 270 0\n7 14 0 5 270 0\n", "a.wnd line 2: not later than the previous"),
         ("a.adj", "# nothing\n", "a.adj: contains no factor; add a line"),
-        ("a.adj", "1 0.5\n1 0.7\n", "a.adj line 2: fuel code 1 is in the file twice"),
+        ("a.adj", "1 0.5\n1 0.7\n", "a.adj line 2: fuel code 1 occurs twice in the file"),
         (
             "a.raws",
             "RAWS_UNITS: English\nRAWS: 2\n2016 7 15 2200 77 25 0 10 0 25\n",

@@ -42,10 +42,16 @@ def test_usual_inputs_give_no_warning() -> None:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"dead_1h_pct": 0.06}, "dead_1h_pct = 0.06 %: probably a fraction; give percent (6)"),
-        ({"live_herb_pct": 0.6}, "live_herb_pct = 0.6 %: probably a fraction; give percent (60)"),
+        (
+            {"dead_1h_pct": 0.06},
+            "dead_1h_pct = 0.06 %: probably a fraction; specify it in percent (6)",
+        ),
+        (
+            {"live_herb_pct": 0.6},
+            "live_herb_pct = 0.6 %: probably a fraction; specify it in percent (60)",
+        ),
         ({"dead_100h_pct": 0.0}, "dead_100h_pct = 0 %: dead fuel is never this dry"),
-        ({"wind_speed_m_s": 61.0}, "wind of 61 m/s, more than 60 m/s: probably given in another"),
+        ({"wind_speed_m_s": 61.0}, "wind of 61 m/s, more than 60 m/s: probably in another"),
     ],
 )
 def test_a_value_is_named_with_its_entry(changes: dict[str, Any], text: str) -> None:
@@ -58,7 +64,7 @@ def test_each_rule_gives_one_line_with_the_number_of_the_others() -> None:
         replace(weather(at_s=at_s), dead_1h_pct=0.06, dead_10h_pct=0.07) for at_s in (0.0, 60.0)
     ]
     (line,) = lines_for(*fractions)
-    assert line.endswith("give percent (6) (and 3 more values)")
+    assert line.endswith("specify it in percent (6) (and 3 more values)")
 
 
 def test_a_fuel_with_its_own_moistures() -> None:
@@ -77,7 +83,7 @@ def test_the_air_of_a_file_is_too_dry() -> None:
     (line,) = lines_for(*hourly(0, 0.25, 0.5), source=source)
     assert line == (
         "a.csv, record of 2024-07-01T12:15: humidity of 0.3 %, below 1 %: probably a fraction or a "
-        "missing value; give percent (and 1 more record)"
+        "missing value; specify it in percent (and 1 more record)"
     )
 
 
@@ -139,7 +145,7 @@ def test_the_file_s_times_and_humidity_reach_the_rules(tmp_path: Path) -> None:
     lines = input_warnings(FireInputs(LAND, stream, LIT, 9.0 * HOUR_S))
     assert [line.removeprefix(str(path)) for line in lines] == [
         ", record of 2026-03-08T05:00: humidity of 0.25 %, below 1 %: probably a fraction or a "
-        "missing value; give percent",
+        "missing value; specify it in percent",
         ": no record between -1800 s and 27000 s (8 h): records are probably missing; the record "
         "before the gap is used",
         ": its times have no UTC offset, and clocks in America/Chicago change on 2026-03-08: if "

@@ -116,9 +116,9 @@ def test_daily_weather_in_the_rows_of_an_inputs_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wtr", "wnd", "message"),
     [
-        (WTR, None, "a.wtr: contains no wind, and there is no a.wnd"),
+        (WTR, None, "a.wtr: contains no wind, and its folder contains no a.wnd"),
         (WTR, "METRIC\n" + WND, "is ENGLISH, .* is METRIC"),
-        ("7 15 0 500\n", WND, "a.wtr line 1: 4 fields; give month, day, rain"),
+        ("7 15 0 500\n", WND, "a.wtr line 1: 4 fields; required are month, day, rain"),
         (WTR.replace("50 90 ", "90 50 "), WND, "a.wtr line 2: the minimum temperature 90"),
         (WTR.replace("7 16", "7 15"), WND, "a.wtr line 3: not later than the previous"),
         (WTR.replace("1500", "2500"), WND, "a.wtr line 2: '7 15 2500' is not a time"),
@@ -161,7 +161,9 @@ def test_farsites_own_inputs_file_names_a_missing_weather_file() -> None:
     folder = "farsite_flatland/Inputs/c_inputSpecFiles"
     path = shared_file(f"{folder}/flatland_clockwise1hr_RAWS.input")
     assert read_fuel_moistures(path) == {0: Moisture(0.03, 0.04, 0.06, 0.70, 1.0)}
-    with pytest.raises(FireModelError, match=r"no file \./examples/flatland/.* beside the inputs"):
+    with pytest.raises(
+        FireModelError, match=r"no file \./examples/flatland/.* in the folder of the inputs"
+    ):
         read_weather(path)
 
 

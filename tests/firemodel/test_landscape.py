@@ -115,7 +115,7 @@ def test_a_gradient_that_is_given_wins_over_the_elevation() -> None:
     ):
         np.testing.assert_allclose(land.slope_tan, 0.5, rtol=1e-6)
         np.testing.assert_allclose(land.aspect_deg, np.rad2deg(np.arctan2(0.4, -0.3)), rtol=1e-6)
-    with pytest.raises(FireModelError, match="this landscape has no elevation; give an elevation"):
+    with pytest.raises(FireModelError, match="this landscape has no elevation; add an elevation"):
         land.elevation_at(WEST_M, NORTH_M)
 
 
@@ -141,18 +141,21 @@ def test_impossible_landscapes_are_refused() -> None:
     hole = np.zeros((2, 3, 3))
     hole[1, 2, 1] = np.nan
     cases: list[tuple[tuple[Any, ...], str]] = [
-        ((CRS, 0.0, 0.0, 30.0, codes, heights[:2]), r"fuel is \(3, 3\) cells, elevation \(2, 3\)"),
+        (
+            (CRS, 0.0, 0.0, 30.0, codes, heights[:2]),
+            r"fuel has the shape \(3, 3\), but elevation \(2, 3\)",
+        ),
         ((CRS, 0.0, 0.0, 0.0, codes, heights), "cell_size_m = 0.0 must be 0.01 to 1000000"),
         (("EPSG:4326", 0.0, 0.0, 30.0, codes, heights), "EPSG:4326 is not a projection in metres"),
         (("EPSG:2264", 0.0, 0.0, 30.0, codes, heights), "EPSG:2264 is not a projection in metres"),
         (("nowhere", 0.0, 0.0, 30.0, codes, heights), "CRS 'nowhere' is invalid"),
         ((CRS, 0.0, 0.0, 30.0, wrong, heights), "unknown fuel code 14 at row 1, column 2"),
         ((CRS, 0.0, 0.0, 30.0, codes, heights + np.inf), "elevation is inf at row 0, column 0"),
-        ((CRS, 0.0, 0.0, 30.0, codes[0], heights), r"fuel is \(3,\) cells; it must be"),
+        ((CRS, 0.0, 0.0, 30.0, codes[0], heights), r"fuel has the shape \(3,\), but must"),
         ((CRS, 0.0, 0.0, 30.0, codes, None), "elevation and gradient are both missing"),
-        ((*flat, heights), r"gradient is \(3, 3\), must be \(2, 3, 3\)"),
+        ((*flat, heights), r"gradient has the shape \(3, 3\), but must have \(2, 3, 3\)"),
         ((*flat, hole), "gradient towards east is nan at row 2, column 1"),
-        ((*flat, None, heights[:2]), r"fuel is \(3, 3\) cells, canopy cover \(2, 3\)"),
+        ((*flat, None, heights[:2]), r"fuel has the shape \(3, 3\), but canopy cover \(2, 3\)"),
         ((*flat, None, heights + 35.0), "canopy cover is 35.0 at row 0, column 0; .* from 0 to 1"),
         ((*flat, None, None, heights + 150.0), "canopy height is 150.0 at row 0, column 0"),
         ((*flat, None, None, None, heights - 1.0), "canopy base is -1.0 at row 0, column 0"),

@@ -122,11 +122,11 @@ def test_the_wind_of_cells_is_that_at_their_centres(terrain: TerrainWind) -> Non
     [
         ({"row": 40.0}, "is outside the landscape"),
         ({"above_ground_m": 0.1}, "is within the vegetation"),
-        ({"speed_m_s": -1.0}, "give a speed from 0 to 100 m/s"),
-        ({"speed_m_s": 101.0}, "give a speed from 0 to 100 m/s"),
-        ({"sd_m_s": 0.0}, "standard deviation from 0.01 to 100 m/s"),
-        ({"sd_m_s": 1e-300}, "standard deviation from 0.01 to 100 m/s"),
-        ({"sd_m_s": 1e300}, "standard deviation from 0.01 to 100 m/s"),
+        ({"speed_m_s": -1.0}, "the speed must be 0 to 100 m/s"),
+        ({"speed_m_s": 101.0}, "the speed must be 0 to 100 m/s"),
+        ({"sd_m_s": 0.0}, "standard deviation 0.01 to 100 m/s"),
+        ({"sd_m_s": 1e-300}, "standard deviation 0.01 to 100 m/s"),
+        ({"sd_m_s": 1e300}, "standard deviation 0.01 to 100 m/s"),
         ({"from_deg": np.nan}, "not a number"),
     ],
 )

@@ -88,7 +88,7 @@ def test_a_file_is_whole_or_missing(tmp_path: Path) -> None:
     with pytest.raises(FireModelError, match="not computed yet"):
         write_netcdf(tmp_path / "fire.nc", fire_round_a_rock(), [20_000.0], "rock")
     assert not list(tmp_path.iterdir())
-    with pytest.raises(FireModelError, match=r"missing/fire.nc: cannot be written: .*; give"):
+    with pytest.raises(FireModelError, match=r"missing/fire.nc: cannot be written: .*; use"):
         write_netcdf(tmp_path / "missing" / "fire.nc", fire_round_a_rock(), TIMES_S, "rock")
 
 

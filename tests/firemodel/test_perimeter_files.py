@@ -304,14 +304,14 @@ def test_features_that_are_left_out_or_repaired(tmp_path: Path) -> None:
             f"{start} 7 is a LineString; the feature is left out",
             f"{start} 8 (at lat 36.",
             f"{start} 9 (Self-intersection",
-            f"{start} 10 (closed line) is repaired: 1.00 ha before, 1.00 ha after",
+            f"{start} 10 (closed line) was repaired: 1.00 ha before, 1.00 ha after",
         ],
         strict=True,
     ):
         assert line.startswith(words)
         assert "\n" not in line
     assert "lies outside the landscape (around lat 36.1" in warnings[6]
-    assert warnings[7].endswith("is repaired: 0.00 ha before, 0.50 ha after")
+    assert warnings[7].endswith("was repaired: 0.00 ha before, 0.50 ha after")
 
 
 def test_thirty_degrees_away(tmp_path: Path) -> None:
@@ -324,7 +324,7 @@ def test_thirty_degrees_away(tmp_path: Path) -> None:
     with pytest.raises(FireModelError, match=r"no usable perimeter \(feature 1 \(at") as error:
         read_perimeters(path, LAND)
     assert "lon -56.98" in str(error.value)
-    assert str(error.value).endswith("); give polygons of burned areas with their times")
+    assert str(error.value).endswith("); use polygons of burned areas with their times")
 
 
 CORNERS = ((0.0, 0.0), (0.01, 0.0), (0.01, 0.01), (0.0, 0.0))
@@ -351,7 +351,7 @@ def test_dates_without_time_of_day(tmp_path: Path) -> None:
 def test_files_that_cannot_be_used(tmp_path: Path) -> None:
     with pytest.raises(FireModelError, match=r"none.geojson: no such file"):
         read_perimeters(tmp_path / "none.geojson", LAND)
-    with pytest.raises(FireModelError, match=r"contains no file of perimeters; add a GeoJSON, KML"):
+    with pytest.raises(FireModelError, match=r"contains no perimeter file; add a GeoJSON, KML"):
         read_perimeters(tmp_path, LAND)
     path = geojson(tmp_path / "a.geojson")
     with pytest.raises(

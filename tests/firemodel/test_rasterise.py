@@ -133,5 +133,5 @@ def test_a_river_narrower_than_a_cell_holds() -> None:
 
 
 def test_a_barrier_that_burns_is_refused() -> None:
-    with pytest.raises(FireModelError, match="fuel code 4 burns; give one of 91"):
+    with pytest.raises(FireModelError, match="fuel code 4 burns; use one of 91"):
         with_barriers(LAND, [], code=4)

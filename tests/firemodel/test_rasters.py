@@ -82,7 +82,7 @@ def test_a_file_cut_short_is_refused(tmp_path: Path) -> None:
     [
         (no_file, "bad.tif: no such file"),
         (text_file, "bad.tif: cannot be read as a raster"),
-        (changed(np.stack([FUEL, FUEL])), "bad.tif: has 2 bands; give a file with one"),
+        (changed(np.stack([FUEL, FUEL])), "bad.tif: has 2 bands; use a file with one"),
         (changed(crs=None), "bad.tif: has no CRS; assign"),
         (changed(crs="EPSG:4326"), "bad.tif: CRS EPSG:4326 is not a projection in metres"),
         (
@@ -103,7 +103,7 @@ def test_a_file_cut_short_is_refused(tmp_path: Path) -> None:
         ),
         (
             changed(with_value(-9999, np.int16), nodata=-9999),
-            r"bad.tif: no data: value -9999 at row 1, column 0 \(1 such cells\)",
+            r"bad.tif: cells without data: value -9999 at row 1, column 0 \(1 such cells\)",
         ),
         (changed(with_value(14, np.int16)), "bad.tif: unknown fuel code 14 at row 1, column 0"),
     ],
@@ -123,7 +123,7 @@ def test_unusable_fuel_files_are_refused(
     [
         (
             changed(with_value(np.nan, np.float32)),
-            r"bad.tif: no data: value nan at row 1, column 0",
+            r"bad.tif: cells without data: value nan at row 1, column 0",
         ),
         (
             changed(HEIGHTS, crs="EPSG:32617"),
@@ -189,7 +189,9 @@ def test_a_stack_is_read_by_its_band_descriptions_or_by_numbers(tmp_path: Path) 
     assert read_landscape(files, units=units).digest() == named.digest()
     for layer, choices in (("slope", "degrees, percent"), ("canopy_height", r"m, m\*10, ft")):
         others = {key: unit for key, unit in units.items() if key != layer}
-        message = rf"bare.tif band \d: unit of {layer} unknown; give it .* one of {choices}"
+        message = (
+            rf"bare.tif band \d: the unit of {layer} is unknown; specify it .* as one of {choices}"
+        )
         with pytest.raises(FireModelError, match=message):
             read_landscape(files, units=others)
     with pytest.raises(FireModelError, match=r"bare.tif: no band's description names a layer"):
@@ -239,7 +241,9 @@ def test_an_lcp_declares_its_own_units(tmp_path: Path) -> None:
     np.testing.assert_allclose(land.slope_tan[1], SLOPE_DEG[1] / 100, rtol=1e-5)
     assert land.canopy_height_m is not None
     np.testing.assert_allclose(land.canopy_height_m, 3.0, rtol=1e-6)
-    with pytest.raises(FireModelError, match=r"land.lcp band 4: no data: value -9999 at row 1"):
+    with pytest.raises(
+        FireModelError, match=r"land.lcp band 4: cells without data: value -9999 at row 1"
+    ):
         read_landscape(lcp(tmp_path, fuel=with_gap(FUEL, 1, 1)))
     feet = read_landscape(lcp(tmp_path, ELEVATION_UNIT="FEET", SLOPE_UNIT="DEGREES"))
     np.testing.assert_allclose(elevation(feet), np.floor(HEIGHTS) * 0.3048, rtol=1e-6)
@@ -256,7 +260,7 @@ def test_cover_classes_become_the_middle_of_their_class(tmp_path: Path) -> None:
     cover = read_landscape(files, units={"canopy_cover": "class"}).canopy_cover
     assert cover is not None
     np.testing.assert_allclose(cover, [[0, 0.105, 0.355], [0.655, 0.905, 0]], rtol=1e-6)
-    with pytest.raises(FireModelError, match=r"units \(canopy_cover = ...\), one of percent"):
+    with pytest.raises(FireModelError, match=r"units` \(canopy_cover = ...\) as one of percent"):
         read_landscape(files)
 
 
@@ -288,9 +292,7 @@ def ascii_grid(path: Path, values: NDArray[Any], nodata: float = -9999.0) -> Pat
 def test_ascii_grids_are_read_with_a_crs_file_or_a_given_crs(tmp_path: Path) -> None:
     fuel = ascii_grid(tmp_path / "fuel.asc", FUEL)
     dem = ascii_grid(tmp_path / "dem.asc", HEIGHTS)
-    with pytest.raises(
-        FireModelError, match=r"fuel.asc: has no CRS; .* or give the projection as crs"
-    ):
+    with pytest.raises(FireModelError, match=r"fuel.asc: has no CRS; .* or specify it as `crs`"):
         read_two(fuel, dem)
     expected = landscape(FUEL, HEIGHTS).digest()
     files = {"fuel": fuel, "elevation": dem}
@@ -299,10 +301,12 @@ def test_ascii_grids_are_read_with_a_crs_file_or_a_given_crs(tmp_path: Path) -> 
         (tmp_path / f"{name}.prj").write_text(rasterio.CRS.from_string(CRS).to_wkt())
     assert read_landscape(files).digest() == expected
     with pytest.raises(
-        FireModelError, match=r"CRS EPSG:32616 differs from EPSG:32633, given as crs"
+        FireModelError, match=r"CRS EPSG:32616 differs from EPSG:32633, specified as `crs`"
     ):
         read_landscape(files, crs="EPSG:32633")
-    with pytest.raises(FireModelError, match=r"fuel.asc: given as crs: CRS 'nowhere' is invalid"):
+    with pytest.raises(
+        FireModelError, match=r"fuel.asc: specified as `crs`: CRS 'nowhere' is invalid"
+    ):
         read_landscape(files, crs="nowhere")
     broken = ascii_grid(tmp_path / "fuel.asc", FUEL + 0.5)
     with pytest.raises(FireModelError, match=r"fuel code 1.5 at row 0, column 0 .* whole number"):
@@ -329,7 +333,9 @@ def test_cells_without_a_value_can_be_taken_as_bare_ground(tmp_path: Path) -> No
         "canopy_cover": write_raster(tmp_path / "cc.tif", with_gap(COVER_PCT, 1, 1)),
     }
     units = {"slope": "degrees", "canopy_cover": "percent"}
-    with pytest.raises(FireModelError, match=r'fuel.tif: no data: .* \(missing = "unburnable"\)'):
+    with pytest.raises(
+        FireModelError, match=r'fuel.tif: cells without data: .* \(missing = "unburnable"\)'
+    ):
         read_landscape(files, units=units)
     with pytest.raises(FireModelError, match=r"cc.tif: canopy_cover is -9999 at row 1, column 1"):
         read_landscape(files, units=units, missing="unburnable")
@@ -362,7 +368,9 @@ def test_gentle_ground_without_an_aspect_stays_fuel(tmp_path: Path) -> None:
     (note,) = describe_rasters(files, units={"slope": "degrees"})["notes"]
     assert "3 cells without an aspect are level ground" in note
     write_raster(files["slope"], np.where(slope == 5, 6, slope).astype(np.int16))
-    with pytest.raises(FireModelError, match=r"aspect.tif: no data: value -9999 at row 0, col.* 1"):
+    with pytest.raises(
+        FireModelError, match=r"aspect.tif: cells without data: value -9999 at row 0, col.* 1"
+    ):
         read_landscape(files, units={"slope": "degrees"})
     bare = read_landscape(files, units={"slope": "degrees"}, missing="unburnable")
     assert bare.fuel_model.tolist() == [[1, 99, 99], [4, 5, 8]]
@@ -398,7 +406,9 @@ def test_a_mask_inside_the_file_counts_as_no_data(tmp_path: Path) -> None:
     fuel = write_raster(tmp_path / "fuel.tif", FUEL)
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(fuel, "r+") as file:
         file.write_mask(np.array([[1, 1, 1], [1, 0, 1]], dtype=np.bool_))
-    with pytest.raises(FireModelError, match=r"fuel.tif: no data: value 5 at row 1, column 1"):
+    with pytest.raises(
+        FireModelError, match=r"fuel.tif: cells without data: value 5 at row 1, column 1"
+    ):
         read_two(fuel, write_raster(tmp_path / "dem.tif", HEIGHTS))
 
 

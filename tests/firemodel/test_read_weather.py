@@ -149,10 +149,10 @@ DATED = "time,wind_speed_m_s,wind_from_deg\n"
         (HEAD + "0,-1,0\n", r"line 2: wind_speed_m_s = -1 must be 0 to 100"),
         (HEAD + "0,nan,0\n", r"line 2: wind_speed_m_s = nan must be 0 to 100"),
         (HEAD + "0,,0\n", r"line 2: wind_speed_m_s = '' is not a number"),
-        (HEAD + "0,1\n", r"line 2: 2 cells, but 3 columns"),
+        (HEAD + "0,1\n", r"line 2: 2 values, but 3 column names"),
         (HEAD + "nan,1,0\n", r"line 2: at_s = nan is not a number of seconds"),
         (HEAD + "0,1,0\n0,2,0\n", r"line 3: at_s = 0 is not later than the previous record \(0\)"),
-        (HEAD + "60,1,0\n", r"from at_s = 60 to 60; the start 0 s is outside"),
+        (HEAD + "60,1,0\n", r"weather covers at_s = 60 to 60; the start 0 s is outside"),
         ("at_s,wind_from_deg\n0,0\n", r"no column for wind speed, such as wind_speed_m_s"),
         ("at_s,wind_speed_m_s\n0,0\n", r"no column for wind_from_deg or wind_toward_deg"),
         ("wind_from_deg,wind_speed_m_s\n0,0\n", r"no column for time or at_s"),
@@ -182,9 +182,13 @@ def test_a_bad_csv_is_refused_with_line_field_and_value(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("English", "Imperial", r"w\.raws line 2: RAWS_UNITS = Imperial; give English or Metric"),
+        (
+            "English",
+            "Imperial",
+            r"w\.raws line 2: RAWS_UNITS = Imperial: must be English or Metric",
+        ),
         ("RAWS_UNITS: English\n", "", r"line 3: no units before the first record"),
-        (" 10 0 25", " 10 0", r"line 4: 9 fields; give 10: year, month"),
+        (" 10 0 25", " 10 0", r"line 4: 9 fields instead of 10: year, month"),
         ("68 40", "68 140", r"line 5: humidity_pct = 140 must be 0 to 100"),
         ("68 40", "-999 40", r"line 5: temperature_f = -999 must be -76 to 158"),
         ("0.10", "0,10", r"line 5: rain_in = '0,10' is not a number"),
@@ -209,11 +213,11 @@ def test_what_does_not_go_together_is_refused(tmp_path: Path) -> None:
     raws, plain = written(tmp_path, ENGLISH, "w.raws"), written(tmp_path, HEAD + "0,1,0\n", "a.csv")
     dead = written(tmp_path, "at_s,wind_speed_m_s,wind_from_deg,dead_1h_pct\n0,1,0,5\n", "d.csv")
     for message, path, options in (
-        ("no column dead_1h_pct; add it, or give the moisture", raws, {}),
+        ("no column dead_1h_pct; add it, or specify the moisture", raws, {}),
         ("start 2017-07-15 00:00:00 is outside", raws, {"start": start("2017-07-15T00:00")}),
         ("start 2016-07-15 21:59:00 is outside", raws, {"start": start("2016-07-15T21:59")}),
         ("one has a UTC offset", raws, {"start": datetime(2016, 7, 15, 22, tzinfo=UTC)}),
-        ("so its 0 s is the start", plain, {"start": start("2016-07-15T22:00")}),
+        ("in which 0 s is the start", plain, {"start": start("2016-07-15T22:00")}),
         ("has no column temperature_c", plain, {"moisture": MOISTURE, "conditioned": True}),
         ("has a column dead_1h_pct", dead, {"moisture": MOISTURE, "conditioned": True}),
     ):

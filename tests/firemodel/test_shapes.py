@@ -116,11 +116,11 @@ def test_shapefiles_whole_and_in_parts(tmp_path: Path) -> None:
                 archive.write(file, file.name)
     assert same(read_shapes(tmp_path / "a.zip", LAND)[0])
     with pytest.raises(
-        FireModelError, match=r"a.shp: CRS EPSG:32616 differs from EPSG:32617, given"
+        FireModelError, match=r"a.shp: CRS EPSG:32616 differs from EPSG:32617, specified"
     ):
         read_shapes(path, LAND, crs="EPSG:32617")
     (tmp_path / "a.prj").unlink()
-    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; .* or give it as crs"):
+    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; .* or specify it as `crs`"):
         read_shapes(path, LAND)
     assert same(read_shapes(path, LAND, crs=CRS)[0])
     with pytest.raises(FireModelError, match=r"a.shp: CRS 'nowhere' is invalid"):
@@ -137,7 +137,7 @@ POINT = mapping(Point(LON, LAT))
 @pytest.mark.parametrize(
     ("geometry", "message"),
     [
-        (None, "feature 2 is empty; delete or draw it"),
+        (None, "feature 2 is empty; delete it, or draw it"),
         ({"type": "Polygon", "coordinates": []}, "feature 2 is empty"),
         (mapping(BOW_TIE), r"feature 2 is not a valid Polygon \(Self-intersection"),
         ({"type": "Polygon", "coordinates": [[[0, 0], [1, 1]]]}, "feature 2 is not a geometry"),
@@ -228,7 +228,7 @@ def test_a_perimeter_is_repaired_on_request_and_reported(tmp_path: Path) -> None
     assert found.area == pytest.approx(2e4)
     (line,) = repairs_of(path)
     assert "feature 1 (Self-intersection" in line
-    assert line.endswith("is repaired: 0.00 ha before, 2.00 ha after")
+    assert line.endswith("was repaired: 0.00 ha before, 2.00 ha after")
 
     outer = shapely.box(X_M - 300, Y_M - 300, X_M, Y_M).exterior
     inner = shapely.box(X_M - 200, Y_M - 200, X_M - 100, Y_M - 100).exterior
@@ -237,7 +237,7 @@ def test_a_perimeter_is_repaired_on_request_and_reported(tmp_path: Path) -> None
     assert ring.geom_type == "Polygon"
     assert ring.area == pytest.approx(8e4)
     assert repairs_of(drawn)[0].endswith(
-        "(closed line) is repaired: 10.01 ha before, 8.01 ha after"
+        "(closed line) was repaired: 10.01 ha before, 8.01 ha after"
     )
 
     whole = shapefile(tmp_path / "c.shp", AREA)

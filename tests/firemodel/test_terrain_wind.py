@@ -242,7 +242,7 @@ def test_impossible_winds_and_cells_are_refused() -> None:
     surface = surface_of_height(np.full((40, 40), 0.3))
     with pytest.raises(FireModelError, match="cell size 0"):
         terrain_wind(hill(), 0.0, surface)
-    with pytest.raises(FireModelError, match="is not a wind"):
+    with pytest.raises(FireModelError, match="is not a valid wind"):
         local_wind(np.ones((2, 2, 1, 1)), -1.0, 0.0)
 
 

@@ -88,9 +88,9 @@ def test_wind_adjustment_of_a_grid_is_that_of_its_cells() -> None:
 
 
 def test_canopies_in_percent_are_refused() -> None:
-    with pytest.raises(FireModelError, match=r"^canopy_cover = 60.0: give a fraction"):
+    with pytest.raises(FireModelError, match=r"^canopy_cover = 60.0: must be a fraction"):
         wind_adjustment_factor(1.0, np.array([0.5, 60.0]), 18.0, 0.5)
-    with pytest.raises(FireModelError, match=r"^crown_ratio = nan: give a fraction"):
+    with pytest.raises(FireModelError, match=r"^crown_ratio = nan: must be a fraction"):
         wind_adjustment_factor(1.0, 0.5, 18.0, math.nan)
 
 

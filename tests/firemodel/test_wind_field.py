@@ -247,11 +247,11 @@ def test_entries_with_fields_compare_and_can_be_pickled() -> None:
 
 
 def test_invalid_fields_are_refused(hills: Landscape) -> None:
-    with pytest.raises(FireModelError, match=r"must be \(grids, 2, rows, columns\)"):
+    with pytest.raises(FireModelError, match=r"must have \(grids, 2, rows, columns\)"):
         field_of(np.ones((3, 4, 4)))
     with pytest.raises(FireModelError, match="not finite"):
         field_of(ratio(math.nan))
-    with pytest.raises(FireModelError, match="grids from 0 to 0"):
+    with pytest.raises(FireModelError, match="grids 0 to 0"):
         WindField(WindGrids(ratio()[None]), ((1, 1.0 + 0.0j),))
     small = replace(weather(4.0), wind_field=field_of(np.ones((2, 5, 5))))
     with pytest.raises(FireModelError, match="read the wind with this landscape"):

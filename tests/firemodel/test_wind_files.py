@@ -354,8 +354,8 @@ def test_errors_of_files(tmp_path: Path) -> None:
         return WindFiles(pairs=((*paths, None),), **{"unit": "mph", "height": "20ft", **options})
 
     good = pair(tmp_path, "good", 20.0, 270.0)
-    refused("has no unit; give the unit", of(good, unit=None))
-    refused("give the height of the wind", of(good, height=None))
+    refused("has no unit; specify", of(good, unit=None))
+    refused("has no height; specify", of(good, height=None))
     refused(
         r"value 300.0 at row 0, column 0 .* check the unit", of(pair(tmp_path, "a", 300.0, 0.0))
     )
@@ -370,18 +370,20 @@ def test_errors_of_files(tmp_path: Path) -> None:
     refused("differs from EPSG:32617", of(good, crs="EPSG:32617"))
     other = asc(tmp_path / "f.asc", 1.0, cell_m=110.0)
     refused("resample both to one grid", of((good[0], other)))
-    refused("has 2 bands; give a file with one", of((good[0], small(tmp_path / "g.tif"))))
+    refused("has 2 bands; use a file with one", of((good[0], small(tmp_path / "g.tif"))))
     wrong = write_raster(tmp_path / "h.tif", np.full((30, 40), 5.0, "f4"), ("direction",))
-    refused("is given as speed", of((wrong, good[1])))
+    refused("is specified as speed", of((wrong, good[1])))
     refused("no such file", of((tmp_path / "none.asc", good[1])))
     tif = {"unit": "m_s", "height": "20ft"}
-    refused("contains no bands of wind", WindFiles(small(tmp_path / "i.tif", names=()), **tif))  # type: ignore[arg-type]
+    refused("contains no wind bands", WindFiles(small(tmp_path / "i.tif", names=()), **tif))  # type: ignore[arg-type]
     one = small(tmp_path / "j.tif", names=("speed 0", "direction 60"))
     refused("or their times differ", WindFiles(one, **tif))  # type: ignore[arg-type]
     late = small(tmp_path / "k.tif", names=("speed 60", "direction 60"))
     refused("the first wind is at 60 s", WindFiles(late, **tif))  # type: ignore[arg-type]
-    refused("contains times; leave out at_s", WindFiles(late, at_s=(0.0,), **tif))  # type: ignore[arg-type]
-    refused("has 1 winds, at_s 2 times", WindFiles(small(tmp_path / "l.tif"), at_s=(0.0, 1.0)))
+    refused("contains times; remove at_s", WindFiles(late, at_s=(0.0,), **tif))  # type: ignore[arg-type]
+    refused(
+        "has 1 winds, but at_s has 2 times", WindFiles(small(tmp_path / "l.tif"), at_s=(0.0, 1.0))
+    )
     bad = small(tmp_path / "m.tif", names=("speed noon", "direction noon"))
     refused("'noon' is not a time", WindFiles(bad, **tif))  # type: ignore[arg-type]
     nc = netcdf(tmp_path / "wind.nc", ("eastward_wind", "northward_wind"))
@@ -390,7 +392,7 @@ def test_errors_of_files(tmp_path: Path) -> None:
     refused("one has a UTC offset, the other", WindFiles(nc, height="10m"), local)
     refused("cannot be read as a raster", WindFiles(Path(__file__)))
     turned = small(tmp_path / "n.tif", transform=rasterio.Affine.rotation(10.0))
-    refused("is not a north-up grid", WindFiles(turned, **tif))  # type: ignore[arg-type]
+    refused("is not a georeferenced north-up grid", WindFiles(turned, **tif))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -85,14 +85,14 @@ def test_fronts_are_written_to_a_path_given_as_text_or_fail_in_one_line(tmp_path
     path, fire = tmp_path / "fronts.geojson", fire_round_a_rock(15_000.0)
     write_fronts(str(path), fire, [0.0], "rock")
     assert json.loads(path.read_text(encoding="utf-8"))["features"]
-    with pytest.raises(FireModelError, match=r"fronts: cannot be written: No such file .*; give"):
+    with pytest.raises(FireModelError, match=r"fronts: cannot be written: No such file .*; use"):
         write_fronts(tmp_path / "missing" / "fronts", fire, [0.0], "rock")
 
 
 @pytest.mark.parametrize(
     ("times_s", "text"),
     [
-        ([math.nan], r"times_s\[0\] is nan; give a number"),
+        ([math.nan], r"times_s\[0\] is nan; it must be a number"),
         ([600.0, math.inf], r"times_s\[1\] is inf"),
         ([600.0, 300.0], r"times_s\[1\] = 300.0 is not later than 600.0; sort the times"),
         ([600.0, 600.0], "remove duplicates"),

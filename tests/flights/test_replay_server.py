@@ -18,7 +18,7 @@ from tests.flights.worlds import journal_in
 from tests.patience import wait_until
 from tests.service.test_cli import call
 
-NOTHING = "this is a replay, which refuses orders"
+NOTHING = "this is a replay; orders are refused"
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_nothing_can_be_ordered(replay: Replay, method: str, path: str, body: An
 @pytest.mark.parametrize(
     ("body", "why"),
     [
-        ({}, "give paused, speed or seek_s"),
+        ({}, "specify paused, speed or seek_s"),
         ({"speed": 0}, "speed"),
         ({"speed": "fast"}, "speed"),
         ({"seek_s": "x"}, "seek_s"),
@@ -167,9 +167,9 @@ def test_to_its_end_as_fast_as_can_be(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("--speed", "0"), "from 0.1 to 100, or max"),
-        (("--from", "4", "--to", "2"), "no vehicle in this part of it"),
-        (("--from", "1000"), "no vehicle in this part of it"),
+        (("--speed", "0"), "must be 0.1 to 100, or max"),
+        (("--from", "4", "--to", "2"), "no vehicle in this part of the logs"),
+        (("--from", "1000"), "no vehicle in this part of the logs"),
         (("--speed", "1", "--listen", "nowhere"), "write it as HOST:PORT"),
         (("--speed", "1", "--listen", "0.0.0.0:1"), "is not a loopback address"),
         (("--scenario", "default"), "no position is on the landscape of default"),

@@ -190,8 +190,8 @@ def test_high_values_are_stretched_and_palettes_are_used(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("a.pmtiles", b"PMTiles?" * 100, "not a PMTiles file"),
-        ("a.pmtiles", b"", "not a PMTiles file"),
+        ("a.pmtiles", b"PMTiles?" * 100, "not a PMTiles version 3 file"),
+        ("a.pmtiles", b"", "not a PMTiles version 3 file"),
         ("a.mbtiles", b"no database" * 10, "not an MBTiles file"),
         ("a.tif", b"II*no", "not a readable raster"),
     ],
@@ -247,7 +247,7 @@ def test_an_area_is_cut_from_each_kind_of_file(tmp_path: Path) -> None:
 def test_an_area_that_cannot_be_cut_is_refused_in_one_line(tmp_path: Path) -> None:
     path = vector_pmtiles(tmp_path / "roads.pmtiles")
     out = tmp_path / "out.pmtiles"
-    with pytest.raises(MissionServiceError, match="contains nothing of the area"):
+    with pytest.raises(MissionServiceError, match="does not cover the area"):
         pack(tile_file(path), (10.0, 10.0, 11.0, 11.0), out, 12)
     with pytest.raises(MissionServiceError, match="begins at zoom 8"):
         pack(tile_file(path), BOX, out, 7)
@@ -256,7 +256,7 @@ def test_an_area_that_cannot_be_cut_is_refused_in_one_line(tmp_path: Path) -> No
     with pytest.raises(MissionServiceError, match="more than 500000 tiles"):
         pack(world, (-180.0, -80.0, 180.0, 80.0), out, 14)
     assert not list(tmp_path.glob("out*"))
-    for box, words in (("1,2,3", "give WEST,SOUTH"), ("3,1,2,2", "west must be less")):
+    for box, words in (("1,2,3", "specify WEST,SOUTH"), ("3,1,2,2", "west must be less")):
         found = CliRunner().invoke(main, ["map", "pack", box, str(path), "-o", str(tmp_path / "o")])
         assert found.exit_code == 2
         assert words in found.output

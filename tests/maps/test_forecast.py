@@ -218,7 +218,7 @@ def test_of_the_past_the_observed_state_is_given(ahead_s: float) -> None:
 @pytest.mark.parametrize(
     ("at_s", "message"),
     [
-        (NOW_S + 7 * HOUR_S, r"30600 s is 7\.0 h from now; 6 h is the maximum"),
+        (NOW_S + 7 * HOUR_S, r"30600 s is 7\.0 h from now; the limit is 6 h"),
         (float("nan"), "nan s is not a time"),
         (float("inf"), "inf s is not a time"),
     ],
@@ -255,7 +255,7 @@ def test_arrivals_at_places_are_past_now_and_ahead() -> None:
 
 
 def test_a_forecast_of_places_is_not_too_long() -> None:
-    with pytest.raises(FireModelError, match="6 h is the maximum"):
+    with pytest.raises(FireModelError, match="the limit is 6 h"):
         ask(
             estimated(),
             lambda forecasts: forecasts.arrival_quantiles_s([np.array([0])], (0.5,), 7 * HOUR_S),

@@ -215,7 +215,7 @@ def test_zipped_shapefiles_with_names_cut_off(tmp_path: Path, crs: str) -> None:
 
 
 def test_a_national_file_is_refused_with_what_to_do() -> None:
-    with pytest.raises(FireModelError, match=r"us.json: 8000001 bytes; .* send only this fire"):
+    with pytest.raises(FireModelError, match=r"us.json: has 8000001 bytes; .* send only this fire"):
         read(b" " * (LARGEST_BYTES + 1), "us.json")
 
 
@@ -256,10 +256,10 @@ SHP = struct.pack(">8i", 9994, 0, 0, 0, 0, 0, 50, 0)
     [
         (
             geojson(*[polygon(SQUARE)] * 31),
-            "31 features; 30 at most are accepted: send only this fire",
+            "31 features; at most 30 are accepted: send only this fire",
         ),
-        (geojson(polygon(ring_of(400))), "401 vertices; 400 at most are accepted"),
-        (b"{" + b" " * 30_000, "30001 bytes; 30000 at most are accepted"),
+        (geojson(polygon(ring_of(400))), "401 vertices; at most 400 are accepted"),
+        (b"{" + b" " * 30_000, "30001 bytes; at most 30000 are accepted"),
     ],
 )
 def test_the_error_for_files_that_are_too_large_gives_a_remedy(
@@ -280,14 +280,14 @@ def test_the_error_for_files_that_are_too_large_gives_a_remedy(
         (b"\x89PNG\r\n", "is not GeoJSON"),
         (b"{", r"is not JSON in UTF-8 \(Expecting"),
         (b"\xff\xfe{\x00}\x00", "is not GeoJSON"),
-        (b"{}", "feature 1 is not a geometry of GeoJSON"),
+        (b"{}", "feature 1 is not a GeoJSON geometry"),
         (b'{"a":' + b"[" * 100_000, "is not JSON"),
         (b'{"type":"FeatureCollection","features":[]}', "has no features"),
         (b'{"type":"FeatureCollection","features":{}}', "its features are not a list"),
         (b'{"type":"FeatureCollection","features":[7]}', "feature 1 is not an object"),
         (geojson({"type": "Point", "coordinates": [LON, LAT]}), "contains no polygon"),
-        (geojson({"type": "Polygon", "coordinates": [[1, 2]]}), "feature 1 is not a geometry"),
-        (geojson({"type": "Polygon", "coordinates": "x"}), "feature 1 is not a geometry"),
+        (geojson({"type": "Polygon", "coordinates": [[1, 2]]}), "1 is not a GeoJSON geometry"),
+        (geojson({"type": "Polygon", "coordinates": "x"}), "feature 1 is not a GeoJSON geometry"),
         (geojson(polygon([[LON, LAT], [LON, LAT]])), "feature 1"),
         (geojson(polygon(SQUARE)).replace(b"36.35", b"NaN"), "NaN is not a number"),
         (geojson(polygon(SQUARE)).replace(b"36.35", b"1e999"), "feature 1"),
@@ -312,13 +312,13 @@ def test_the_error_for_files_that_are_too_large_gives_a_remedy(
         (kml("<Document/>"), "has no features"),
         (kml("<Placemark/>"), "contains no polygon"),
         (kml(BAD_RING.format("1,2 3,4 5;6")), "placemark 1: '5;6' is not lon,lat"),
-        (kml(BAD_RING.format("1,2")), "placemark 1 has an outline of 1 points"),
-        (kml("<Placemark><Polygon/></Placemark>"), "placemark 1 has a polygon of 0 outlines"),
+        (kml(BAD_RING.format("1,2")), "placemark 1 has an outline with 1 points"),
+        (kml("<Placemark><Polygon/></Placemark>"), "1 has a polygon with 0 outer boundaries"),
         (b"PK\x03\x04" + b"\x00" * 40, "is not a complete ZIP archive"),
         (zipped(a__kml=kml("<Document/>"))[:-30], "is not a complete ZIP archive"),
-        (zipped(a__txt=b"x"), "the archive contains 0 files of shapes"),
-        (zipped(a__kml=b"<kml/>", b__kml=b"<kml/>"), "the archive contains 2 files of shapes"),
-        (zipped(a__zip=zipped(a__kml=b"<kml/>")), "the archive contains 0 files of shapes"),
+        (zipped(a__txt=b"x"), "the archive contains 0 vector files"),
+        (zipped(a__kml=b"<kml/>", b__kml=b"<kml/>"), "the archive contains 2 vector files"),
+        (zipped(a__zip=zipped(a__kml=b"<kml/>")), "the archive contains 0 vector files"),
         (zipped(doc__kml=b" " * 33_000_000), "contains more than 32000000 bytes"),
         (zipped(**{f"a{n}__txt": b"" for n in range(1001)}), "1001 files in the archive"),
         (zipped(a__shp=SHP), "a.shx is missing"),

@@ -102,18 +102,21 @@ def test_no_operator_is_present_by_a_message() -> None:
         (b"\xff{", "cannot be read"),
         (b"[" * 60_000, "cannot be read"),
         (b"[1]", "cannot be read"),
-        (b"{}", "id: is missing; give printable ASCII"),
+        (b"{}", "id: is missing; specify printable ASCII"),
         (
             b'{"id": 1, "by": "a", "sent_at_unix_us": 1}',
-            "id: give printable ASCII characters without spaces",
+            "id: must be printable ASCII characters without spaces",
         ),
-        (b'{"id": "a b", "by": "a", "sent_at_unix_us": 1}', "id: give printable ASCII"),
-        (b'{"id": "ab\\n", "by": "a", "sent_at_unix_us": 1}', "id: give printable ASCII"),
+        (b'{"id": "a b", "by": "a", "sent_at_unix_us": 1}', "id: must be printable ASCII"),
+        (b'{"id": "ab\\n", "by": "a", "sent_at_unix_us": 1}', "id: must be printable ASCII"),
         (
             b'{"id": "ab", "by": "a\\u001b[2J", "sent_at_unix_us": 1}',
-            "by: give one line of printable",
+            "by: must be one line of printable",
         ),
-        (b'{"id": "ab", "by": "a\\n", "sent_at_unix_us": 1}', "by: give one line of printable"),
+        (
+            b'{"id": "ab", "by": "a\\n", "sent_at_unix_us": 1}',
+            "by: must be one line of printable",
+        ),
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": 1e400}', "cannot be read"),
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": ' + b"9" * 5000 + b"}", "h"),
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": 1, "schema": "command/2"}', "command/2"),
@@ -136,8 +139,8 @@ def test_the_error_for_unknown_commands_lists_the_commands() -> None:
 
 
 def test_the_command_is_given_by_the_topic_alone() -> None:
-    RunInterface().refuses("hold", "unknown key do", do="abort")
-    RunInterface().refuses("hold", "unknown key do", do="approve")
+    RunInterface().refuses("hold", 'unknown key "do"', do="abort")
+    RunInterface().refuses("hold", 'unknown key "do"', do="approve")
     run_interface = RunInterface()
     reply = run_interface.takes("abort", do="hold")
     assert reply is not None
@@ -153,7 +156,7 @@ def test_what_the_broker_keeps_is_refused() -> None:
 def test_old_commands_and_those_of_the_future_are_refused(age_us: int) -> None:
     run_interface = RunInterface()
     run_interface.refuses(
-        "hold", "check the clock of the sender", sent_at_unix_us=run_interface.unix_us - age_us
+        "hold", "check the sender's clock", sent_at_unix_us=run_interface.unix_us - age_us
     )
     at_edge = OLD_US if age_us > 0 else -OLD_US
     reply = run_interface.takes("hold", sent_at_unix_us=run_interface.unix_us - at_edge)

@@ -472,12 +472,14 @@ def test_what_the_settings_name_is_read_at_once(tmp_path: Path) -> None:
 
     refused("broker a b: write it as HOST", broker="a b")
     refused("prefix /x", prefix="/x")
-    refused("set user", password="env:NOBODY")
-    refused("no variable NOBODY", user="u", password="env:NOBODY")
-    refused("no certificates to trust: No such file", tls_ca=tmp_path / "none.pem")
+    refused("set `user`", password="env:NOBODY")
+    refused("variable NOBODY is not set", user="u", password="env:NOBODY")
+    refused("cannot be loaded: No such file", tls_ca=tmp_path / "none.pem")
     (tmp_path / "ca.pem").write_text(PASSWORD, "utf-8")
-    refused("ca.pem: no certificates to trust", tls_ca=tmp_path / "ca.pem")
-    refused("no certificate and key", tls=True, tls_certificate=tmp_path / "none.pem")
+    refused("ca.pem: cannot be loaded", tls_ca=tmp_path / "ca.pem")
+    refused(
+        "the certificate and key cannot be loaded", tls=True, tls_certificate=tmp_path / "none.pem"
+    )
     site = site_in(MqttSection(broker="b", tls=True), "Eight UAVs")
     assert (site.broker, site.topic) == (Broker("b", 8883), "mission-service/v1/Eight-UAVs")
     assert site.access.tls is not None

@@ -31,7 +31,7 @@ def test_a_page_without_fire_states_it_and_has_no_entries_for_it() -> None:
 
 def test_the_legend_contains_what_is_drawn() -> None:
     text = text_of(incident())
-    for words in ("Perimeter now", "Perimeter at earlier hours", "Forecast, each hour", "grass"):
+    for words in ("Perimeter now", "Perimeter at earlier hours", "Hourly forecast", "grass"):
         assert words in text
     without = text_of(incident(forecast_s=0.0))
     assert "Forecast" not in without

@@ -311,5 +311,5 @@ def test_years_that_no_fire_has_are_refused(run: Path, tmp_path: Path, zero: str
     arguments = ["products", str(run), "--out", str(tmp_path / "out"), "--time-zero", zero]
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 1
-    assert done.output.splitlines()[-1].endswith("is not a year from 1900 to 2999")
+    assert done.output.splitlines()[-1].endswith("must be from 1900 to 2999")
     assert not (tmp_path / "out").exists()

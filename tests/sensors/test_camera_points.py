@@ -73,7 +73,7 @@ def test_a_point_waits_for_its_telemetry_and_is_named_if_there_is_none(land: Lan
     sensor.on_event(events.HotPointSeen(2_000_000, "hawk", 450.0, 0.5, 0.5))
     assert sensor.observe(fix_at(land, 2_250_000)) is None
     assert sensor.observe(fix_at(land, 5_250_000)) is None
-    assert "a point of hawk is not used: no position at mission time 2.0 s" in sensor.problem
+    assert "a point from hawk is not used: no position at mission time 2.0 s" in sensor.problem
     sensor.on_event(events.HotPointSeen(6_000_000, "hawk", 450.0, 0.5, 0.5))
     feed(sensor, land, 5_500_000, 7_000_000)
     assert sensor.observe(fix_at(land, 7_000_000)) is not None

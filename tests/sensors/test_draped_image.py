@@ -250,7 +250,7 @@ def test_the_latest_images_are_kept_with_the_times_of_their_observations(steep: 
 
     sensors = Sensors({"thermal": Camera(), "broken": Broken(), "other": object()}, steep.shape)  # type: ignore[dict-item]
     assert sensors.images() == {"thermal": tuple(arrived.images)}
-    assert "other objects than SensorImage" in sensors.failed["broken"]
+    assert "objects other than SensorImage" in sensors.failed["broken"]
 
 
 def test_a_picture_is_drawn_once(steep: Landscape) -> None:

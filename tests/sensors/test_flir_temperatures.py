@@ -58,7 +58,9 @@ def test_temperatures_and_pose_are_read(whole: bytes, tmp_path: Path) -> None:
 def test_damaged_temperatures_are_refused_with_the_reason(whole: bytes, tmp_path: Path) -> None:
     path = tmp_path / "flir.jpg"
     path.write_bytes(whole.replace(count_of_records(ENTRIES), count_of_records(2)))
-    with pytest.raises(MissionServiceError, match=r"flir\.jpg: its FLIR temperatures are damaged"):
+    with pytest.raises(
+        MissionServiceError, match=r"flir\.jpg: its FLIR temperature data are corrupt"
+    ):
         read_thermal_image(path)
 
 

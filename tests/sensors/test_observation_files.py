@@ -204,14 +204,14 @@ def _bad_files(folder: Path, land: Landscape) -> Iterator[tuple[Path, str]]:
     yield folder / "half.kml", "half.kml"
     with zipfile.ZipFile(folder / "bomb.kmz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("doc.kml", b"<kml>" + b" " * 70_000_000)
-    yield folder / "bomb.kmz", "contains 70 MB; 64 MB at most are read"
+    yield folder / "bomb.kmz", "contains 70 MB; the maximum is 64 MB"
     (folder / "off.csv").write_text(VIIRS + viirs_line(10.0, 10.0, AT))
     yield folder / "off.csv", "no pixel lies on the landscape"
     (folder / "any.csv").write_text("a,b\n1,2\n")
-    yield folder / "any.csv", "give a CSV file of FIRMS"
+    yield folder / "any.csv", "use a CSV file of FIRMS"
     with (folder / "huge.tif").open("wb") as file:
         file.truncate(4 * 1024**3)
-    yield folder / "huge.tif", "4295 MB; files up to 64 MB are read"
+    yield folder / "huge.tif", "4295 MB; the maximum is 64 MB"
     (folder / "photo.jpg").write_bytes(b"any")
     yield folder / "photo.jpg", "a picture does not state where fire is"
     (folder / "a.docx").write_bytes(b"any")

@@ -201,7 +201,7 @@ def test_files_that_are_not_used_change_nothing_and_raise_an_alarm(
     world.fly(START_S + 120.0)
     alarm = world.context.state_view.alarms["sensor/observation_files"]
     assert "a file is not used: " in alarm.text
-    assert "large.gpkg: 4295 MB; files up to 64 MB are read" in alarm.text
+    assert "large.gpkg: 4295 MB; the maximum is 64 MB" in alarm.text
     assert not burned(world)[INSIDE].any()
 
 
@@ -306,8 +306,8 @@ def test_an_unusable_report_ends_its_sensor_alone() -> None:
     good = FireObserved(5, "ann", "x", "burning", "points", ((36.3, -84.1),), 4, 9.0, 0.0, "")
     for made, words in (
         ("text", "it returned str instead of FireObserved"),
-        (msgspec.structs.replace(good, at_us=4), "is not of the present time"),
-        (msgspec.structs.replace(good, seen_at_us=6), "or was observed later"),
+        (msgspec.structs.replace(good, at_us=4), "has another at_us than the position"),
+        (msgspec.structs.replace(good, seen_at_us=6), "or a later observation time"),
         (msgspec.structs.replace(good, position_sd_m=-1.0), "position_sd_m"),
     ):
         sensors = Sensors({"good": Reporter(good), "bad": Reporter(made)}, (9, 9))

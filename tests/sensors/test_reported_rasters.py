@@ -229,7 +229,7 @@ def test_observations_that_wait_for_the_estimate_are_bounded(land: Landscape) ->
     for _ in range(MAX_REPORTS):
         estimate.check(event)
         estimate.apply_report(event)
-    with pytest.raises(FireModelError, match="64 observations wait for the estimate"):
+    with pytest.raises(FireModelError, match="64 observations are waiting for the estimate"):
         estimate.check(event)
 
 
@@ -237,8 +237,11 @@ def test_observations_that_wait_for_the_estimate_are_bounded(land: Landscape) ->
     ("keys", "reason"),
     [
         ({"rows": ["ub", "u"]}, "row 2 has 1 letters and row 1 has 2"),
-        ({"rows": ["uB"]}, "give the letters b (burned), u (unburned) and . (not seen)"),
-        ({"rows": ["u\n"]}, "give the letters"),
+        (
+            {"rows": ["uB"]},
+            "must be a string of the letters b (burned), u (unburned) and . (not seen)",
+        ),
+        ({"rows": ["u\n"]}, "must be a string of the letters"),
         ({"rows": ["..", ".."]}, "no cell was seen"),
         ({"rows": []}, "rows"),
         ({"rows": ["u"] * 257}, "rows"),
@@ -248,7 +251,7 @@ def test_observations_that_wait_for_the_estimate_are_bounded(land: Landscape) ->
         ({"east_deg": float("nan")}, "east_deg"),
         ({"west_deg": "x"}, "west_deg"),
         ({"age_s": -3600.0}, "age_s"),
-        ({"age_s": 7 * 3600.0}, "age_s: give a number from 0 to 21600"),
+        ({"age_s": 7 * 3600.0}, "age_s: must be a number from 0 to 21600"),
         ({"missed_pct": 100}, "missed_pct"),
         ({"speed": 1}, "unknown key"),
     ],
@@ -266,7 +269,7 @@ def test_unusable_rasters_are_refused_in_one_line(keys: dict[str, Any], reason: 
     ("keys", "reason"),
     [
         ({"west_deg": -54.15, "east_deg": -54.13}, "contains no cell of the landscape"),
-        ({"rows": ["u" * 5], "missed_pct": 1.0}, "a cell needs five seen neighbours"),
+        ({"rows": ["u" * 5], "missed_pct": 1.0}, "a cell needs five observed neighbours"),
     ],
 )
 def test_rasters_that_the_estimate_cannot_use_are_refused(
@@ -279,7 +282,7 @@ def test_rasters_that_the_estimate_cannot_use_are_refused(
 
 
 NOTES: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"rows": ["b" * 20] * 20, "false_alarms_pct": 2.0}, "wait for a second report: 3"),
+    ({"rows": ["b" * 20] * 20, "false_alarms_pct": 2.0}, "need a second report: 3"),
     (
         {"rows": ["u" * 9 + "b" + "u" * 10] + ["u" * 20] * 9, "missed_pct": 1.0},
         "majority filter",

@@ -130,7 +130,7 @@ def test_pixels_of_goes_are_cells_of_its_fixed_grid(tmp_path: Path) -> None:
     (ring,) = shape["geometry"]["coordinates"]
     assert shapely.Polygon(ring).contains(shapely.Point(-84.14, 36.36))
     for line, words in (
-        ("0.0,100.0,2026-07-04,1830,G16,10,9\n", "the satellite does not see this place"),
+        ("0.0,100.0,2026-07-04,1830,G16,10,9\n", "outside the satellite's field of view"),
         ("36.36,-84.14,2026-07-04,1830,G16,99,9\n", "the confidence is 99"),
         ("36.36,-84.14,2026-07-04,1830,X1,h,9\n", "has no scan"),
     ):
@@ -154,11 +154,14 @@ def test_of_lines_elsewhere_only_the_place_is_read(tmp_path: Path) -> None:
         (VIIRS + "36,x,340,0.4,0.4,2026-07-04,1200,N,VIIRS,n,2,295,5,D\n", "line 2: could not"),
         (VIIRS + "36,-84,340,0.4,0.4,2026-07-04,2561,N,VIIRS,n,2,295,5,D\n", "line 2: unconverted"),
         (VIIRS + "36,-84,340,400,0.4,2026-07-04,1200,N,VIIRS,n,2,295,5,D\n", "400 x 0.4 km"),
-        (VIIRS + "96,-84,340,0.4,0.4,2026-07-04,1200,N,VIIRS,n,2,295,5,D\n", "the place is 96.0"),
+        (
+            VIIRS + "96,-84,340,0.4,0.4,2026-07-04,1200,N,VIIRS,n,2,295,5,D\n",
+            "the position is 96.0",
+        ),
         (VIIRS + "36,-84,340,0.4,0.4,2026-07-04,1200,N,VIIRS,z,2,295,5,D\n", "line 2: could not"),
         (VIIRS + "36,-84\n", "line 2"),
         ("\x00\x00", "has no column"),
-        (VIIRS.replace(",", ";"), "give a CSV file of FIRMS"),
+        (VIIRS.replace(",", ";"), "use a CSV file of FIRMS"),
         (VIIRS + '36,"' + "x\n" * 9999, "line 10000: could not convert"),
     ],
 )
@@ -258,9 +261,9 @@ def test_the_command_reports_the_pixels_of_a_file_to_a_run(tmp_path: Path) -> No
     found = json.loads(done.stdout)
     assert (found["pixels"], found["on_landscape"]) == (3, 2)
     first, second = found["reports"]
-    assert "age_s: give a number from 0 to 21600" in first["error"]
+    assert "age_s: must be a number from 0 to 21600" in first["error"]
     assert second == {"source": "VIIRS N", "pixels": 1}
     assert len(json.loads(shapes.read_text())["features"]) == 2
     missing = CliRunner().invoke(main, ["request", "satellite-pixels", str(path), "--out", "none"])
     assert missing.exit_code == 1
-    assert "no run has this folder" in missing.output
+    assert "no run uses this folder" in missing.output

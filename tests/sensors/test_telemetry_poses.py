@@ -199,7 +199,7 @@ def test_a_pose_is_interpolated_at_the_time_of_the_file_with_the_error_of_this_t
     assert pose.position_sd_m == pytest.approx(20.0 * 0.2)
     assert pose.direction_sd_deg == pytest.approx(10.0 * 0.2)
     assert poses.mission_us_of(time_of(3.1).timestamp()) == pytest.approx(3_100_000, abs=2)
-    with pytest.raises(PoseUnknownError, match="no telemetry of 12:00:11 UTC"):
+    with pytest.raises(PoseUnknownError, match="no telemetry at 12:00:11 UTC"):
         poses.pose_of("a.tif", time_of(11.0))
     with pytest.raises(PoseUnknownError, match="reported no image with this name"):
         poses.pose_of("a.tif", None)
@@ -230,7 +230,7 @@ def test_an_image_of_one_of_several_vehicles_needs_a_report() -> None:
     poses = TelemetryPoses(None, 0.2)
     flown(poses)
     flown(poses, "falcon")
-    with pytest.raises(PoseUnknownError, match="poses without a report require one vehicle"):
+    with pytest.raises(PoseUnknownError, match="poses without a report require a single vehicle"):
         poses.pose_of("a.tif", time_of(3.0))
     poses.on_event(captured(3_000_000, "falcon"), 0.0)
     assert poses.pose_of("a.tif", time_of(3.0)).lat_deg == 36.001

@@ -279,7 +279,7 @@ def tiff_with(
         ({"gps": {1: ""}}, "no GPS latitude"),
         ({"gps": {6: 30_000.0}}, r"30000\.0 m"),
         ({"orientation": 6}, "EXIF orientation is 6"),
-        ({"colour": (250, 120, 20)}, "is a picture in colours"),
+        ({"colour": (250, 120, 20)}, "is a colour picture"),
     ],
 )
 def test_odd_metadata_are_refused(
@@ -309,7 +309,7 @@ def test_hemispheres_times_and_packets_of_other_writers_are_read(
         ("no_direction.tif", "XMP has no GimbalYawDegree"),
         ("no_time.tif", "EXIF has neither GPS date and time nor"),
         ("missing.tif", "No such file"),
-        ("large.tif", "4000 MB; images up to 64 MB are read"),
+        ("large.tif", "4000 MB; the maximum is 64 MB"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_with_the_reason(

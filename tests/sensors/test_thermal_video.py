@@ -175,7 +175,7 @@ def test_one_sender_is_used_among_garbage_and_other_senders_until_it_is_silent(
         assert "b" in "".join(found[0].cells)
         sensor.end_window()
         assert "127.0.0.1" in sensor.problem
-        assert "sends to the same port and is not used" in sensor.problem
+        assert "sends to the same port and is ignored" in sensor.problem
         sensor.end_window()
         assert "nothing has arrived for 10 s; check the sender" in sensor.problem
         send(second, port, two_seconds)
@@ -184,7 +184,7 @@ def test_one_sender_is_used_among_garbage_and_other_senders_until_it_is_silent(
         first.sendto(b"no video", ("127.0.0.1", port))
         use_all(sensor)
         sensor.end_window()
-        assert "datagrams of 127.0.0.1 are not MPEG transport packets" in sensor.problem
+        assert "datagrams from 127.0.0.1 are not plain MPEG transport packets" in sensor.problem
 
 
 def test_a_thread_receives_a_stream_that_begins_after_a_silence(
@@ -274,12 +274,12 @@ def test_settings_and_libraries_are_checked_before_a_run(monkeypatch: pytest.Mon
         check(load_scenario("default", ('estimate.sensors=["thermal_video"]',)))
     source = 'estimate.thermal_video.source="udpin:127.0.0.1:0"'
     named = ('estimate.sensors=["thermal_video"]', source)
-    with pytest.raises(ScenarioError, match="give grey_level_range_c or hot_level"):
+    with pytest.raises(ScenarioError, match="set grey_level_range_c or hot_level"):
         check(load_scenario("default", named))
     with pytest.raises(ScenarioError, match="port 0 is not between 1 and 65535"):
         check(load_scenario("default", (*named, RANGE)))
     url = 'estimate.thermal_video.source="rtsp://camera/1"'
-    with pytest.raises(ScenarioError, match="rtsp://camera/1 is a URL; give udpin"):
+    with pytest.raises(ScenarioError, match="rtsp://camera/1 is a URL; use udpin"):
         check(load_scenario("default", (*named, url, RANGE)))
     with pytest.raises(ScenarioError, match="a lower and a higher temperature"):
         load_scenario("default", ("estimate.thermal_video.grey_level_range_c=[100, 0]",))

@@ -166,7 +166,7 @@ def test_damaged_metadata_are_counted_with_the_reason(
         writer.add(number, picture, [bytes(whole)])
     images, problem = read(writer.close())
     assert [image.taken for image in images] == [TAKEN]
-    assert problem.startswith("source: 2 of 3 packets of metadata are not used: checksum mismatch")
+    assert problem.startswith("source: 2 of 3 metadata packets are not used: checksum mismatch")
 
 
 def test_a_packet_that_differs_from_its_neighbours_is_not_used(
@@ -185,7 +185,7 @@ def test_a_packet_that_differs_from_its_neighbours_is_not_used(
         assert len({image[4:10] for image in images}) == 1
         assert len(images) + stream.counts.refused == 5
         assert stream.counts.refused in ((1, 2) if change else (0,)), "perhaps the next one, too"
-    assert "differ from those beside them" in reason_of_jump(picture, values)
+    assert "differ from the metadata before and after them" in reason_of_jump(picture, values)
 
 
 def reason_of_jump(picture: NDArray[np.uint8], values: Values) -> str:
@@ -218,10 +218,10 @@ def test_reasons_why_no_image_is_used(picture: NDArray[np.uint8], values: Values
     assert "no metadata in the stream" in reason(stream_of(picture, None))
     colours = np.zeros((*picture.shape, 3), dtype=np.uint8)
     colours[..., 0] = picture
-    assert "is a picture in colours" in reason(stream_of(colours, values))
+    assert "is a colour picture" in reason(stream_of(colours, values))
     no_pose = reason(stream_of(picture, {tag: values[tag] for tag in (13, 14)}))
     assert "no corner points and no pose: tags missing or out of range: 5, 6, 7, 18" in no_pose
-    assert "does not fit 160 x 128 square pixels" in reason(stream_of(picture, values | {17: 90.0}))
+    assert "do not fit 160 x 128 square pixels" in reason(stream_of(picture, values | {17: 90.0}))
     assert "remove estimate.thermal_video.use_corner_points" in reason(
         stream_of(picture, values), use_corner_points=True
     )

@@ -116,8 +116,8 @@ def test_outside_the_allowed_areas_is_closed(land: Landscape) -> None:
 @pytest.mark.parametrize(
     ("entry", "problem"),
     [
-        ({"name": "x"}, "give either corners, or lat_deg, lon_deg and radius_m"),
-        ({"name": "x", "lat_deg": 36.0}, "give either corners"),
+        ({"name": "x"}, "specify either `corners`, or lat_deg, lon_deg and radius_m"),
+        ({"name": "x", "lat_deg": 36.0}, "specify either `corners`"),
         (
             {"name": "x", "corners": square(FIRE, 5.0), "floor_amsl_m": 9, "ceiling_amsl_m": 8},
             "ceiling_amsl_m must be above floor_amsl_m",
@@ -128,7 +128,7 @@ def test_outside_the_allowed_areas_is_closed(land: Landscape) -> None:
         ),
         (
             {"name": "x", "corners": square(FIRE, 5.0), "floor_amsl_m": 9, "floor_agl_m": 8},
-            "give only one of floor_amsl_m and floor_agl_m",
+            "specify only one of floor_amsl_m and floor_agl_m",
         ),
     ],
 )
@@ -578,7 +578,7 @@ def test_a_pilots_vehicle_is_reported_and_left_alone(fly: Fly) -> None:
     flight.run(5.0)
     flight.submit(closed_at(flight.now_us, here(flight)))
     flight.run(10.0)
-    assert "not under control" in flight.state_view.alarms["airspace/hawk"].text
+    assert "not under the service's control" in flight.state_view.alarms["airspace/hawk"].text
     entries = flight.over()
     closed = next(n for n, entry in enumerate(entries) if isinstance(entry, AirspaceClosed))
     sent = (UploadMission, Hold, Return, StartMission)
@@ -650,9 +650,9 @@ def test_closing_a_name_twice_and_opening_an_unknown_name_are_refused(fly: Fly) 
     flight.run(5.0)
     flight.submit(closed_at(flight.now_us, FIRE))
     twice = flight.submit(closed_at(flight.now_us, FIRE))
-    assert "a closed volume 'copter' exists already" in " ".join(twice)
+    assert "a closed volume 'copter' already exists" in " ".join(twice)
     unknown = flight.submit(AirspaceOpened(flight.now_us, *ANN, "other"))
-    assert "no closed volume 'other'; closed are: 'copter'" in " ".join(unknown)
+    assert "no closed volume 'other'; closed volumes: 'copter'" in " ".join(unknown)
     flight.over()
 
 

@@ -61,7 +61,7 @@ def test_an_airspeed_that_the_vehicle_does_not_fly_raises_an_alarm(
     assert measured[-1] == pytest.approx(CRUISE_M_S, abs=1.0)
     (alarm,) = alarms
     assert isinstance(alarm, RaiseAlarm)
-    assert "flies 22 m/s through the air, but its missions command 15" in alarm.text
+    assert "airspeed is 22 m/s, but its missions command 15" in alarm.text
 
 
 def test_the_airspeed_of_a_long_takeoff_raises_no_alarm(

@@ -79,7 +79,7 @@ def test_a_word_for_another_plan_does_not() -> None:
 def test_nor_a_word_from_elsewhere() -> None:
     approvals = proposing()
     why = approvals.approve(approved(approvals.plan_hash, station="kitchen"))
-    assert why == "'kitchen' is not a station for approvals (boss)"
+    assert why == "'kitchen' is not an approval station (boss)"
 
 
 def test_nor_one_that_comes_too_late() -> None:

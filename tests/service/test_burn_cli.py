@@ -169,7 +169,7 @@ def test_approving_shows_the_plan_and_asks(run: Run) -> None:
         "wind      3.0 m/s (7 mph) from 270°",
         "fire at least 90 s away (required 60 s and 10 m, 33 ft)",
         "spheres   100 left after the line",
-        "Approve it as ann at alpha?",
+        "Approve this plan as ann at alpha?",
     ):
         assert words in no.output
     yes = run.call("approve", HASH[:8], *OPERATOR_FIELDS, text="y\n")
@@ -186,14 +186,14 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("approve", HASH[:7], "--yes"), "give at least the first 8 digits"),
+        (("approve", HASH[:7], "--yes"), "specify at least the first 8 digits"),
         (("approve", "ffffffff", "--yes"), f"with these first digits; proposed: {HASH[:12]}"),
         (("go", "nothing"), "does not select one item of the list: 1 weather; 2 payload"),
-        (("wind", "nan", "0"), "wind: speed_m_s = nan: give a finite number"),
-        (("correct", "burned", "nan,-84"), "correct: points = ((nan, -84.0),): give a finite"),
-        (("plan", "--drop-spacing", "inf"), "plan: drop_spacing_m = inf: give a finite number"),
-        (("erase", "91,0", "--radius", "5"), "erase: lat_deg: give a number from -90 to 90"),
-        (("unit", "0,0", "0.01,0.01", "0,0.02", "0.02,0"), "its sides cross"),
+        (("wind", "nan", "0"), "wind: speed_m_s = nan: must be a finite number"),
+        (("correct", "burned", "nan,-84"), "correct: points = ((nan, -84.0),): must be a finite"),
+        (("plan", "--drop-spacing", "inf"), "plan: drop_spacing_m = inf: must be a finite number"),
+        (("erase", "91,0", "--radius", "5"), "erase: lat_deg: must be a number from -90 to 90"),
+        (("unit", "0,0", "0.01,0.01", "0,0.02", "0.02,0"), "the sides cross"),
     ],
 )
 def test_what_is_wrong_gets_one_line_and_exit_code_1(
@@ -218,7 +218,7 @@ def test_a_forged_plan_is_not_approved(run: Run, monkeypatch: pytest.MonkeyPatch
 def test_the_station_must_be_given_if_there_are_several(run: Run) -> None:
     result = run.call("undo", "--by", "ann")
     assert result.exit_code == 1
-    assert "give your station with --station: alpha, bravo" in result.stderr
+    assert "specify your station with --station: alpha, bravo" in result.stderr
     assert run.call("abort", "--by", "ann").exit_code == 0
     assert run.submitted == [Aborted(AT_US, "ann", "unknown")]
 

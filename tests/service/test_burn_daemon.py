@@ -150,7 +150,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
         assert client.ask(do="status")["status"]["at_s"] < 60.0
 
     announcements = run(burned, tmp_path, third, killed=True)
-    assert "begins a new run; the earlier journal was renamed to journal-1.jsonl" in announcements
+    assert "begins a new run; the previous journal was renamed to journal-1.jsonl" in announcements
     assert (tmp_path / "journal-1.jsonl").read_bytes() == whole
     assert events(path) == []
 

@@ -76,7 +76,7 @@ def test_the_outcome_of_each_drop_is_reported_with_its_plan_and_number() -> None
 
 @pytest.mark.parametrize(
     ("dropper", "words"),
-    [(None, "no dropper is set up"), (SERVO._replace(number=16), "no such output")],
+    [(None, "no dropper is configured"), (SERVO._replace(number=16), "no such output")],
 )
 def test_a_drop_that_cannot_be_ordered_is_refused_in_words(
     dropper: Dropper | None, words: str

@@ -73,7 +73,7 @@ def why(*more: Happening, drop: Drop = DROP, at_us: int = AT_US) -> str | None:
 
 def test_a_drop_in_order_goes_out_once() -> None:
     assert why() is None
-    assert why(Sent((DROP,))) == f"plan {HASH[:12]}: drop 0 was ordered before"
+    assert why(Sent((DROP,))) == f"plan {HASH[:12]}: drop 0 was already ordered"
     assert why(Sent((DROP,)), drop=drop_of(1)) is None
 
 
@@ -119,15 +119,15 @@ NORTH_DEG = 40.0 * DEG_PER_M
             (ChecklistAnswered(AT_US, "bob", "bravo", "weather", False), *AGAIN),
             'NO-GO for "weather" by bob',
         ),
-        ((Approved(AT_US, "ann", "nowhere", HASH),), "is not a station for approvals"),
-        ((Approved(AT_US, " ", "alpha", HASH),), "no name of an operator"),
-        ((Approved(AT_US, "service", "alpha", HASH),), "no name of an operator"),
+        ((Approved(AT_US, "ann", "nowhere", HASH),), "is not an approval station"),
+        ((Approved(AT_US, " ", "alpha", HASH),), "does not name an operator"),
+        ((Approved(AT_US, "service", "alpha", HASH),), "does not name an operator"),
         ((LinkLost(AT_US, NAME, 3.0),), "link lost"),
         ((GpsFixChanged(AT_US, NAME, False, "none"),), "no good position fix"),
         ((BatteryUpdated(AT_US, NAME, 24.9),), "battery 24.9 %, at least 25 % required"),
         ((BatteryUpdated(AT_US, NAME, float("nan")),), "battery nan %"),
         ((ModeChanged(AT_US, NAME, 4, True, "guided"),), "in mode guided"),
-        ((fix(AT_US, east_m=-40.0),), "off drop 0"),
+        ((fix(AT_US, east_m=-40.0),), "from the target of drop 0"),
         ((fix(AT_US, height_m=24.0),), "24 m above the drop's target, not 15 ± 8 m"),
         ((fix(AT_US, height_m=6.0),), "6 m above the drop's target"),
         ((fix(AT_US, height_m=float("nan")),), "nan m above"),
@@ -156,8 +156,8 @@ def test_a_drop_is_refused(more: tuple[Happening, ...], words: str) -> None:
         (drop_of(0, "crane"), AT_US, "is for ignis, not for crane"),
         (DROP, 400 * S + 1, "was valid until 400 s"),
         (drop_of(0, off_m=4.1), AT_US, "would fall 4.1 m off its target"),
-        (DROP, 101_500_000, "no position of the last 1.5 s"),
-        (DROP, 105_000_001, "no input of an approver at alpha for 15 s"),
+        (DROP, 101_500_000, "no position in the last 1.5 s"),
+        (DROP, 105_000_001, "no input from an approver at alpha for 15 s"),
     ],
 )
 def test_a_wrong_drop_or_a_late_one_is_refused(drop: Drop, at_us: int, words: str) -> None:
@@ -195,7 +195,7 @@ def test_only_an_approver_at_the_approvals_station_counts_as_there() -> None:
     ("host_s", "section", "words"),
     [
         (15.0, BURN, None),
-        (15.1, BURN, "no input of an approver at alpha for 15 s"),
+        (15.1, BURN, "no input from an approver at alpha for 15 s"),
         (15.0, burn(approval_s=14.9), "older than 14.9 s"),
         (400.1, burn(approver_timeout_s=1000.0, approval_s=1000.0), "was valid until 400 s"),
     ],
@@ -220,7 +220,7 @@ def test_a_restarted_host_clock_is_not_compared_with_the_one_before() -> None:
 
 def test_a_plan_that_does_not_match_its_hash() -> None:
     forged = Sent((ProposePlan(NAME, plan(valid_until_us=10**12), HASH),))
-    assert "does not have the hash of its drop" in str(why(forged, APPROVED))
+    assert "does not match the hash in the drop" in str(why(forged, APPROVED))
 
 
 def test_a_plan_approved_before_it_was_proposed() -> None:

@@ -67,7 +67,7 @@ def test_a_unit_from_a_file_with_no_drop_areas(tmp_path: Path) -> None:
         ({"unit": corners((0, 0), (300, 200), (300, 0), (0, 200))}, "unit: Self-intersection at"),
         ({"unit": corners((0, 0), (100, 100), (200, 200))}, "unit: has no area|Self-intersection"),
         ({"unit": ((0.0, 0.0), (0.0, 1.0), (1.0, 1.0))}, r"corner 1 .* outside the landscape"),
-        ({"edge_m": 120.0}, "no part of the unit .* is left to drop on"),
+        ({"edge_m": 120.0}, "no part of the unit .* is available for drops"),
         ({"fence": corners((400, 0), (500, 0), (500, 100))}, "home is .* outside the fence"),
         ({"fence": corners((-60, 0), (-5, 60), (-60, 60))}, "no part of the unit is inside"),
     ],

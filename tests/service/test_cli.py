@@ -85,7 +85,7 @@ def test_shipped_scenarios_check(name: str) -> None:
     ("option", "words"),
     [
         ("planner.beta=1", "--set: planner.beta: unknown key"),
-        ("planner.alpha=-1", "--set: planner.alpha: give a number, at least 0 (got -1)"),
+        ("planner.alpha=-1", "--set: planner.alpha: must be a number, at least 0 (got -1)"),
         ("weather.9.at_s=3", "--set weather.9.at_s=3: the scenario has no such key"),
         ("planner", "--set planner: write it as key=value"),
         ('estimate.sensors=["a","b","a"]', "estimate.sensors: contains a sensor twice"),
@@ -105,7 +105,7 @@ def test_a_wrong_option_gets_one_line_and_exit_code_2(option: str, words: str) -
         (("sim", "default", "--out", "/proc/nothing"), "/proc/nothing"),
         (
             ("sim", "default", "--out", "OUT", "--set", 'estimate.sensors=["observation_files"]'),
-            "estimate.sensors: observation_files uses the time of the clock",
+            "estimate.sensors: observation_files uses wall-clock time",
         ),
         (("replay", "OUT/none.jsonl", "--verify"), "none.jsonl: cannot be read"),
         (("plan", "default", "--vehicle", "owl", "-o", "OUT/x.plan"), "no vehicle 'owl'"),
@@ -113,7 +113,7 @@ def test_a_wrong_option_gets_one_line_and_exit_code_2(option: str, words: str) -
         (("mission", "upload", "OUT/none.plan"), "none.plan: cannot be read"),
         (("mission", "clear", "--link", "bus:1"), "udpin:HOST:PORT"),
         (("mock", "--home", "here"), "LAT,LON,ALTITUDE_AMSL_M"),
-        (("mock", "--system-id", "249", "--count", "3"), "250 is the highest"),
+        (("mock", "--system-id", "249", "--count", "3"), "the highest valid id is 250"),
         (("config", "check", "nowhere"), "nowhere: no such file"),
         (
             ("config", "check", "default", "--set", "estimate.observation_files.burned_values=[0]"),
@@ -208,7 +208,7 @@ def test_start_up_is_quick() -> None:
     ("address", "words"),
     [
         ("http://127.0.0.1:1/#token=secret", "(its token is in out/token)"),
-        ("http://127.0.0.1:1/", "(use a token of the tokens file)"),
+        ("http://127.0.0.1:1/", "(use a token from the tokens file)"),
     ],
 )
 def test_the_path_of_the_token_is_printed_unchanged(

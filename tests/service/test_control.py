@@ -191,62 +191,77 @@ NAN = float("nan")
     ("request_", "words"),
     [
         ({"do": "fire"}, "unknown request 'fire'"),
-        ({"do": 7}, "unknown request without a name"),
-        ({}, "unknown request without a name"),
-        ({"do": "settings"}, "settings: give alpha"),
+        ({"do": 7}, "unknown request (no name)"),
+        ({}, "unknown request (no name)"),
+        ({"do": "settings"}, "settings: specify alpha"),
         ({"do": "hold", "vehicle": "../x"}, "hold: "),
         ({"do": "hold", "vehicle": "hawk\n"}, "hold: "),
         ({"do": "approve", "hash": HASH + "\n"}, "approve: "),
         ({"do": "status"}, "status is a query"),
         ({"do": "approve", "hash": HASH[:12]}, "approve: "),
         ({"do": "approve", "hash": HASH.upper()}, "approve: "),
-        ({"do": "approve"}, "approve: hash: is missing; give all 64 digits"),
-        ({"do": "present", "extra": 1}, "extra: unknown key; give by, station"),
-        ({"do": "present", "station": "nowhere"}, "unknown station 'nowhere'; the scenario has al"),
+        ({"do": "approve"}, "approve: hash: is missing; specify all 64 digits"),
+        ({"do": "present", "extra": 1}, "extra: unknown key; the keys are by, station"),
+        ({"do": "present", "station": "nowhere"}, "unknown station 'nowhere'; the stations are al"),
         ({"do": "present", "by": ""}, "present: "),
         ({"do": "present", "by": " "}, "present: "),
         ({"do": "present", "by": "x" * 81}, "present: "),
         ({"do": "present", "by": "a\nb"}, "present: "),
         ({"do": "present", "by": "\x1b[2J"}, "present: "),
-        ({"do": "present", "by": "service"}, "is reserved for the service; give your name"),
-        ({"do": "resume", "by": " Service"}, "is reserved for the service; give your name"),
-        ({"do": "present", "by": 3}, "present: by: give one line of printable characters"),
-        ({"do": "go", "item": "all"}, "no item 'all' on the GO/NO-GO checklist: weather; payload"),
-        ({"do": "go", "item": True}, "go: item: give a text of 1 to 200 characters (got True)"),
-        ({"do": "wind", "speed_m_s": NAN, "from_deg": 0}, "wind: speed_m_s: give a number from 0"),
+        ({"do": "present", "by": "service"}, "is reserved for the service; enter your name"),
+        ({"do": "resume", "by": " Service"}, "is reserved for the service; enter your name"),
+        (
+            {"do": "present", "by": 3},
+            "present: by: must be a non-blank line of printable characters",
+        ),
+        (
+            {"do": "go", "item": "all"},
+            "no item 'all' on the GO/NO-GO checklist; the items are: weather; payload",
+        ),
+        (
+            {"do": "go", "item": True},
+            "go: item: must be a string of 1 to 200 characters (got True)",
+        ),
+        (
+            {"do": "wind", "speed_m_s": NAN, "from_deg": 0},
+            "wind: speed_m_s: must be a number from 0",
+        ),
         (
             {"do": "wind", "speed_m_s": 1, "from_deg": NAN},
-            "wind: from_deg: give a number from 0 to 360",
+            "wind: from_deg: must be a number from 0 to 360",
         ),
         ({"do": "wind", "speed_m_s": float("inf"), "from_deg": 0}, "wind: "),
         ({"do": "wind", "speed_m_s": -1, "from_deg": 0}, "wind: "),
-        ({"do": "wind", "speed_m_s": "4", "from_deg": 0}, "wind: speed_m_s: give a number from 0"),
+        (
+            {"do": "wind", "speed_m_s": "4", "from_deg": 0},
+            "wind: speed_m_s: must be a number from 0",
+        ),
         ({"do": "wind", "speed_m_s": 10**400, "from_deg": 0}, "wind: "),
         ({"do": "erase", "lat_deg": 91, "lon_deg": 0, "radius_m": 5}, "erase: "),
         ({"do": "erase", "lat_deg": 0, "lon_deg": 181, "radius_m": 5}, "erase: "),
-        ({"do": "erase", "lat_deg": 0, "lon_deg": NAN, "radius_m": 5}, "erase: lon_deg: give "),
-        ({"do": "erase", "lat_deg": 0, "lon_deg": 0, "radius_m": 0}, "must be more than 0"),
+        ({"do": "erase", "lat_deg": 0, "lon_deg": NAN, "radius_m": 5}, "erase: lon_deg: must be "),
+        ({"do": "erase", "lat_deg": 0, "lon_deg": 0, "radius_m": 0}, "must be greater than 0"),
         ({"do": "lit", "points": []}, "lit: "),
-        ({"do": "lit", "points": [[0, NAN]]}, "lit: points.0.1: give a number from -180 to 180"),
+        ({"do": "lit", "points": [[0, NAN]]}, "lit: points.0.1: must be a number from -180 to 180"),
         ({"do": "lit", "points": [[0, 0]] * 1001}, "lit: "),
         ({"do": "lit", "points": [[0, 0]], "ago_s": -1}, "lit: "),
-        ({"do": "unit", "points": CORNERS[:2]}, "unit: 2 corners; a polygon requires 3"),
-        ({"do": "unit", "points": [[0, 0], [0.01, 0.01], [0, 0.02], [0.02, 0]]}, "its sides cross"),
+        ({"do": "unit", "points": CORNERS[:2]}, "unit: 2 corners, but a polygon requires 3"),
+        ({"do": "unit", "points": [[0, 0], [0.01, 0.01], [0, 0.02], [0.02, 0]]}, "the sides cross"),
         (
             {"do": "unit", "points": [[0, 0], [0.01, 0.01], [0.02, 0.02]]},
-            "unit: these corners form no polygon",
+            "unit: these corners do not form a polygon",
         ),
         (
             {"do": "correct", "state": "burned", "shape": "line", "points": [[0, 0]]},
-            "correct: a line of 1 points; it requires 2",
+            "correct: 1 points, but a line requires 2",
         ),
         (
             {"do": "correct", "state": "burned", "shape": "point", "points": CORNERS},
-            "correct: a point of 3 points; it requires 1",
+            "correct: 3 points, but a point requires 1",
         ),
         (
             {"do": "correct", "state": "charred", "shape": "point", "points": [[0, 0]]},
-            "correct: state: give one of burned, burning, unburned (got 'charred')",
+            "correct: state: must be one of burned, burning, unburned (got 'charred')",
         ),
     ],
 )
@@ -273,7 +288,7 @@ def test_places_off_the_map_and_impossible_lines_are_not_submitted() -> None:
         {"do": "unit", "points": [*far, [60, -83]]},
         {"do": "correct", "state": "burned", "shape": "line", "points": far},
     ):
-        with pytest.raises(RequestError, match="km exceeds"):
+        with pytest.raises(RequestError, match="km exceeds the limit"):
             event_of({**request, **OPERATOR_FIELDS}, AT_US, SCOPE)
 
 
@@ -436,8 +451,8 @@ def test_any_request_is_answered_and_harms_no_other_client(tmp_path: Path) -> No
         (b'{"do":"wind","speed_m_s":NaN}\n', "not a line of JSON"),
         (b"\xff\xfe\n", "not a line of JSON"),
         (b"[" * 30_000 + b"\n", "not a line of JSON"),
-        (b"[" * 900 + b"]" * 900 + b"\n", "a request is a JSON object"),
-        (b"7\n", "a request is a JSON object"),
+        (b"[" * 900 + b"]" * 900 + b"\n", "a request must be a JSON object"),
+        (b"7\n", "a request must be a JSON object"),
         (b'{"do":"present","by":' + b"[" * 900 + b"]" * 900 + b"}\n", "present: "),
         (unit, "the unit is on the moon"),
         (b"x" * 100_000 + b"\n", "the line has more than 65536 bytes"),
@@ -594,7 +609,7 @@ def test_the_client_reports_what_is_wrong(tmp_path: Path) -> None:
 
         await asyncio.to_thread(ask_wrongly)
 
-    with pytest.raises(ControlError, match="no run has this folder"):
+    with pytest.raises(ControlError, match="no run uses this folder"):
         ControlClient(tmp_path)
     served(tmp_path, client)
 

@@ -306,7 +306,7 @@ def test_a_start_ends_when_a_pilot_sets_another_mode_on_the_ground(
     assert flight.handle(ModeChanged(flight.at_us, "hawk", 10, False, "mission")) == []
     (ended,) = flight.handle(ModeChanged(flight.at_us, "hawk", 0, False, "manual"))
     assert isinstance(ended, Announce)
-    assert ended.text.startswith("start ended: mode manual was not ordered")
+    assert ended.text.startswith("start cancelled: mode manual was not ordered")
     if under_way:
         (refused,) = flight.handle(refusal)
         assert isinstance(refused, Announce)

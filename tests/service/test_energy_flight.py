@@ -181,7 +181,7 @@ def test_an_order_to_fly_on_beyond_the_limit_needs_a_confirmation(land: Landscap
     flight.mode("return")
     (question,) = questions(order(flight, "resume"))
     assert (
-        "its energy does not suffice to resume: no time left on task, 2 min home (source: "
+        "it does not have enough energy to resume: no time left on task, 2 min home (source: "
         in question
     )
     assert flight.core.vehicles["hawk"].sent_home

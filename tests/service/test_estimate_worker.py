@@ -299,4 +299,4 @@ def test_a_refusal_that_no_sender_waits_for_is_announced(world: World) -> None:
     before = world.context.state_view.announcement_id
     run(world, steps)
     lines = [line.text for line in world.context.state_view.announcements_after(before)]
-    assert "the report of anna is not used: nothing to undo" in lines
+    assert "the report from anna is not used: nothing to undo" in lines

@@ -117,7 +117,7 @@ def test_distances_follow_the_normal_distribution() -> None:
     [
         ([-1], 60.0, "the numbers of aircraft must be from 0 to 50"),
         ([51], 60.0, "the numbers of aircraft must be from 0 to 50"),
-        ([1], 5.0, "5 minutes: give 10 to 1440 minutes"),
+        ([1], 5.0, "5 minutes: must be from 10 to 1440 minutes"),
         ([1], math.nan, "nan minutes"),
     ],
 )
@@ -134,7 +134,7 @@ def test_parts_at_the_edge_are_left_out_with_a_warning() -> None:
     land = landscape_of(small)
     (found,) = expected_accuracy(small, land, small.vehicles[0], [1], 90.0, warnings.append)
     (text,) = warnings
-    assert "the parts of the front there are left out" in text
+    assert "the parts of the front there are ignored" in text
     for front in found.fronts:
         assert np.all((front.row > 0.5) & (front.row < 18.5))
         assert np.all((front.col > 0.5) & (front.col < 18.5))
@@ -195,9 +195,9 @@ def test_the_command_prints_a_table_and_draws_a_picture(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "text"),
     [
-        (["default", "--what-if", "one"], 2, "give numbers of aircraft"),
+        (["default", "--what-if", "one"], 2, "specify numbers of aircraft"),
         (["--what-if", "default"], 2, "Missing argument 'SCENARIO'"),
-        (["default"], 2, "give the .plan file to write (-o), or --what-if"),
+        (["default"], 2, "specify the .plan file to write (-o), or --what-if"),
         (
             ["default", "--what-if", "--set", "ignition.0.at_s=9000"],
             1,
@@ -205,13 +205,13 @@ def test_the_command_prints_a_table_and_draws_a_picture(tmp_path: Path) -> None:
         ),
         (["default", "--what-if", "--vehicle", "owl"], 1, "has no vehicle 'owl'"),
         (["default", "--what-if", "99"], 2, "must be from 0 to 50"),
-        (["default", "--what-if", "-o", ""], 2, "Is a directory; give the path of a PNG file"),
+        (["default", "--what-if", "-o", ""], 2, "Is a directory; specify the path of a PNG file"),
         (
             ["default", "--what-if", "-o", "nowhere/a.png"],
             2,
             "nowhere/a.png: No such file or directory",
         ),
-        (["default", "--what-if", "-o", "a.jpg"], 2, "give a name that ends with .png"),
+        (["default", "--what-if", "-o", "a.jpg"], 2, "use a name that ends in .png"),
         (["default", "--what-if", "-o", os.devnull], 2, "it is a device, a pipe or a socket"),
     ],
 )

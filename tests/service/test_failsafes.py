@@ -112,7 +112,7 @@ def test_an_engine_failure_is_reported_and_the_vehicle_left_alone(fly: Fly, stac
     flight.sim.rigs[0].mock.flight.fail_engine(True)
     flight.run(4.0)
     # Sink rates at detection: 2.4 m/s in level flight, 3 m/s in a climb.
-    assert re.match(r"hawk: sinks by (2\.4|3) m/s at 100 % of throttle", alarm(flight, "thrust"))
+    assert re.match(r"hawk: sinks at (2\.4|3) m/s with 100 % throttle", alarm(flight, "thrust"))
     assert flight.state_view.alarms["thrust/hawk"].severity == "severe"
     for kind in (Hold, StartMission):
         assert not [at_s for at_s in times_s(flight.over(), kind) if at_s >= failed_s]

@@ -165,7 +165,7 @@ def test_a_refused_perimeter_changes_no_rates() -> None:
 def test_without_a_usable_perimeter_the_command_ends_in_one_line(tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = written(tmp_path, tuple((at_s, WHOLE) for at_s in TIMES_S))
-    assert "contains no perimeter that can be used" in refused(1, *command, "-o", str(out))
+    assert "contains no usable perimeter" in refused(1, *command, "-o", str(out))
     assert not out.exists()
 
 
@@ -175,7 +175,7 @@ def test_a_perimeter_without_a_cell_is_left_out(tmp_path: Path) -> None:
     fire = mapped()[:3]
     found, warnings = scores(tmp_path, ((0.0, sliver), *fire))
     assert len(found) == 2
-    assert "contains no cell of the landscape; check its place; it is left out" in warnings
+    assert "contains no cell of the landscape; check its position; it is skipped" in warnings
 
 
 def test_distances_are_measured_on_the_landscape(tmp_path: Path) -> None:

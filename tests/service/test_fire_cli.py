@@ -207,7 +207,7 @@ def test_what_is_printed_without_json(tmp_path: Path) -> None:
     result = call("fire", "run", str(scenario), "-o", str(out), *options)
     assert result.exit_code == 0, result.output
     assert "burned_area_ha: " in result.stdout
-    assert f"summary.json in {out}/" in result.stdout
+    assert f"summary.json to {out}/" in result.stdout
     assert [front["properties"]["time_s"] for front in fronts(out)] == [500, 1000, 1200]
 
 
@@ -266,14 +266,14 @@ def test_info_takes_units_crs_and_nodata(tmp_path: Path) -> None:
     for layer, values in (("fuel", gap), ("slope", slope), ("aspect", aspect)):
         words.append(f"{layer}={ascii_grid(tmp_path / f'{layer}.asc', values)}")
     bare = json.loads(call("fire", "info", *words, "--json").stdout)["problems"]
-    for part in ("has no CRS", "unit of slope unknown", "unknown fuel code 77"):
+    for part in ("has no CRS", "unit of slope is unknown", "unknown fuel code 77"):
         assert any(part in problem for problem in bare)
     options = ("--crs", CRS, "--unit", "slope=degrees", "--nodata", "77")
     found = json.loads(call("fire", "info", *words, *options, "--json").stdout)
     assert found["crs"] == CRS
     assert [band["unit"] for band in found["bands"]] == ["", "degrees", "degrees"]
     (problem,) = found["problems"]
-    assert "fuel.asc: no data" in problem
+    assert "fuel.asc: cells without data" in problem
 
 
 def test_the_bench_gives_json() -> None:
@@ -312,10 +312,10 @@ def refused(scenario: Path, *options: str) -> str:
 @pytest.mark.parametrize(
     ("landscape", "words"),
     [
-        ("rows = 50", 'landscape: rows has no effect with source = "files"'),
+        ("rows = 50", 'landscape: `rows` has no effect with source = "files"'),
         ('units = {slop = "percent"}', "units: layer 'slop' is unknown"),
-        ('units = {slope = "percent"}', "units: slope has a unit, but no band is this layer"),
-        ('units = {fuel = "m"}', "units: the layer fuel has no units"),
+        ('units = {slope = "percent"}', "units: slope has a unit, but no band contains this layer"),
+        ('units = {fuel = "m"}', "units: the layer fuel is dimensionless"),
         ("nodata = inf", "landscape.nodata"),
         ('fuel = "."', "landscape.fuel: is a folder, not a file"),
     ],
@@ -331,7 +331,10 @@ def test_what_cannot_be_a_perimeter_is_refused(tmp_path: Path) -> None:
     site = write_site(tmp_path)
     scenario = write_scenario(site, TIFFS, CSV, '[fire]\nperimeter = "area.geojson"\n')
     drawn(site / "area.geojson", on_grid(30, 20).buffer(100.0), on_grid(30, 20))
-    assert "area.geojson: feature 2 has Point; a perimeter has only polygons" in refused(scenario)
+    assert (
+        "area.geojson: feature 2 contains Point; a perimeter must contain only polygons"
+        in refused(scenario)
+    )
     drawn(site / "area.geojson", on_grid(30, 20).buffer(9000.0))
     assert "no outline of the perimeter is on the landscape" in refused(scenario)
 
@@ -341,7 +344,7 @@ def test_times_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
     late = refused(scenario, "--set", "ignition.0.at_s=3600")
     assert "the first ignition is at_s = 3600, which must be before duration_s = 3600" in late
     many = refused(scenario, "--set", "duration_s=10080", "--front-every", "1")
-    assert "10080 fronts until 10080 s, more than 10000; give 2 or more" in many
+    assert "10080 fronts until 10080 s, more than 10000; specify 2 or more" in many
 
 
 def test_fronts_come_often_or_only_at_the_end(tmp_path: Path) -> None:
@@ -350,7 +353,7 @@ def test_fronts_come_often_or_only_at_the_end(tmp_path: Path) -> None:
     assert [front["properties"]["time_s"] for front in fronts(tmp_path / "out")] == [3600]
     nan = call("fire", "run", str(scenario), "-o", str(tmp_path / "out"), "--front-every", "nan")
     assert nan.exit_code == 2
-    assert "give seconds" in nan.stderr
+    assert "must be a number of seconds" in nan.stderr
 
 
 def test_weather_that_ends_early_is_noted(tmp_path: Path) -> None:
@@ -385,8 +388,8 @@ def test_any_name_can_stand_on_the_map(tmp_path: Path) -> None:
 def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     fuel, none = str(write_site(tmp_path) / "fuel.tif"), tmp_path / "none.geojson"
     for words, message in (
-        ((fuel, fuel), "give one file, or the layers of a landscape, each as LAYER=FILE"),
-        ((f"fuel={fuel}", f"fuel={fuel}"), "fuel is given twice"),
+        ((fuel, fuel), "specify one file, or the layers of a landscape, each as LAYER=FILE"),
+        ((f"fuel={fuel}", f"fuel={fuel}"), "fuel is specified twice"),
         (("fuel=", f"elevation={fuel}"), "files: fuel="),
         ((fuel, "--unit", "slope"), "--unit: slope: write it as LAYER=UNIT"),
     ):
@@ -399,7 +402,7 @@ def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     none.write_text('{"type": "FeatureCollection", "features": []}', encoding="utf-8")
     empty = call("fire", "info", str(none))
     assert "none.geojson: has no features" in empty.stdout
-    assert "is a folder; give a file" in call("fire", "info", str(tmp_path)).stdout
+    assert "is a folder, not a file" in call("fire", "info", str(tmp_path)).stdout
     write_raster(tmp_path / "c.tif", HEIGHTS.astype(np.complex64))
     assert "c.tif: contains complex numbers" in call("fire", "info", str(tmp_path / "c.tif")).stdout
 

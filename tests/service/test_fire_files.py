@@ -148,7 +148,7 @@ def test_new_fires_accelerate_but_not_in_the_estimate(tmp_path: Path) -> None:
     assert [round(each.front(each.time_s).area / 1e4, 2) for each in (reported, simulated)] == (
         burned_ha
     )
-    with pytest.raises(ScenarioError, match=r"fire.acceleration: not with \[burn\]"):
+    with pytest.raises(ScenarioError, match=r"fire.acceleration cannot be combined with \[burn\]"):
         load_scenario("burn", ("fire.acceleration=true",))
 
 
@@ -212,7 +212,7 @@ def test_a_daily_weather_file_needs_and_uses_its_wind(tmp_path: Path) -> None:
     scenario = write_scenario(site, TIFFS, weather, POINT)
     result = call("fire", "run", str(scenario), "-o", str(tmp_path / "out"))
     assert result.exit_code == 1
-    assert "a.wtr: contains no wind, and there is no a.wnd" in result.stderr
+    assert "a.wtr: contains no wind, and its folder contains no a.wnd" in result.stderr
     assert not (tmp_path / "out" / "summary.json").exists()
     (site / "b.wnd").write_text("7 1 0 10 270 0\n", encoding="utf-8")
     scenario = write_scenario(site, TIFFS, weather + 'wind = "b.wnd"\n', POINT)
@@ -234,7 +234,7 @@ def test_a_self_intersecting_perimeter_is_repaired_on_request(tmp_path: Path) ->
     mended = write_scenario(site, TIFFS, CSV, fire + "repair_perimeter = true\n")
     result = call("fire", "run", str(mended), "-o", str(tmp_path / "out"))
     assert result.exit_code == 0, result.output
-    assert "is repaired: 0.00 ha before, 4.50 ha after" in result.stderr
+    assert "was repaired: 0.00 ha before, 4.50 ha after" in result.stderr
 
 
 def test_foreign_codes_are_refused_by_name_and_without_files(tmp_path: Path) -> None:
@@ -245,7 +245,7 @@ def test_foreign_codes_are_refused_by_name_and_without_files(tmp_path: Path) -> 
     assert result.exit_code == 1
     assert "Traceback" not in result.output
     assert (
-        "fbp_lookup_table.csv beside the file has fuel codes of the system Canadian FBP"
+        "fbp_lookup_table.csv in the same folder uses fuel codes of the system Canadian FBP"
         in result.stderr
     )
     assert not (tmp_path / "out" / "summary.json").exists()
@@ -256,8 +256,11 @@ def test_foreign_codes_are_refused_by_name_and_without_files(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        (('[landscape]\nrate_factors = "x.adj"\n', CSV, POINT), "rate_factors has no effect"),
-        ((TIFFS, CSV, POINT + "[fire]\nrepair_perimeter = true\n"), "no effect without perimeter"),
+        (('[landscape]\nrate_factors = "x.adj"\n', CSV, POINT), "`rate_factors` has no effect"),
+        (
+            (TIFFS, CSV, POINT + "[fire]\nrepair_perimeter = true\n"),
+            "no effect without `perimeter`",
+        ),
         ((TIFFS + "fuel_codes = {1 = 0}\n", CSV, POINT), "fuel_codes"),
         ((TIFFS, CSV + 'wind = "fuel.tif"\n', POINT), "only a .wtr file has a separate wind file"),
     ],
@@ -297,7 +300,7 @@ def test_codes_of_canada_are_named_by_info(tmp_path: Path) -> None:
     dem = write_raster(tmp_path / "dem.tif", np.zeros((2, 2), dtype=np.float32))
     result = call("fire", "info", f"fuel={path}", f"elevation={dem}")
     assert result.exit_code == 1
-    assert "these are codes of the system Canadian FBP" in result.stdout
+    assert "these codes belong to the system Canadian FBP" in result.stdout
 
 
 def test_a_geopackage_on_a_projection_without_a_code(tmp_path: Path) -> None:

@@ -176,7 +176,7 @@ def test_a_damaged_result_is_named(tmp_path: Path) -> None:
     for content in (b"", damaged.read_bytes()[:-30], b"text"):
         damaged.write_bytes(content)
         line = refused(str(flat), "-o", str(out), "--members", "2")
-        assert f"{damaged}: is damaged" in line
+        assert f"{damaged}: is corrupt" in line
         assert "delete it and repeat" in line
     damaged.unlink()
     burn(flat, out, "--members", "2")
@@ -200,7 +200,7 @@ def test_changed_input_files_are_refused(tmp_path: Path) -> None:
         (["--members", "0"], "0 is not in the range"),
         (["--members", "2", "--set", "ensemble.wind_log_sd=-1"], "ensemble.wind_log_sd"),
         (["--members", "2", "--set", "ensemble.wind_log_sd=1000"], "ensemble.wind_log_sd"),
-        (["--set", "time_zero=9999-12-31T23:59:00Z"], "give a year from 1900 to 2200"),
+        (["--set", "time_zero=9999-12-31T23:59:00Z"], "use a year from 1900 to 2200"),
         (["--members", "2", "--set", "ignition.0.at_s=9000"], "must be before"),
         (["--members", "2", "--set", "ignition.0.lat_deg=10"], "outside the landscape"),
     ],

@@ -30,7 +30,7 @@ def refused(exit_code: int, *arguments: str) -> str:
 def test_an_address_without_a_port_is_refused(tmp_path: Path, address: str) -> None:
     command = ["run", str(write_flat(tmp_path)), "--members", "2", "-o", str(tmp_path / "out")]
     line = refused(2, *command, "--scheduler", address)
-    assert "give HOST:PORT, as in tcp://10.0.0.1:8786" in line
+    assert "must be HOST:PORT, as in tcp://10.0.0.1:8786" in line
     assert not (tmp_path / "out").exists()
 
 
@@ -41,7 +41,7 @@ def test_tls_without_certificates_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_empty_folder_name_is_refused(tmp_path: Path) -> None:
-    assert "is empty; give a folder" in refused(2, "run", str(write_flat(tmp_path)), "-o", "")
+    assert "is empty; specify a folder" in refused(2, "run", str(write_flat(tmp_path)), "-o", "")
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_an_empty_folder_name_is_refused(tmp_path: Path) -> None:
         ("weather", 2, "--vary weather: write it as KEY=VALUES"),
         ("weather.9.at_s=1,2", 2, "--vary weather.9.at_s=1: the scenario has no such key"),
         ("fire.no=1,2", 2, "--vary: fire.no: unknown key"),
-        (f"{WIND}=1,-2", 2, f"--vary: {WIND}: give a number from 0 to 100 (got -2)"),
+        (f"{WIND}=1,-2", 2, f"--vary: {WIND}: must be a number from 0 to 100 (got -2)"),
         ("mission.layer_m=10,20", 2, "--vary mission.layer_m: has no effect on these fires"),
         ("name=a,b", 2, "--vary name: has no effect"),
         ("seed=1,2", 2, "--vary seed: has no effect"),
@@ -126,14 +126,14 @@ def test_files_of_a_killed_run_are_removed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "text"),
     [
-        ("recipe.json", b"{", "recipe.json: is missing or damaged, so that the settings of the"),
-        ("recipe.json", b"[1]", "recipe.json: is missing or damaged"),
+        ("recipe.json", b"{", "recipe.json: is missing or corrupt, so the settings of the"),
+        ("recipe.json", b"[1]", "recipe.json: is missing or corrupt"),
         ("recipe.json", b"{}", 'other settings (files: before "missing", now {'),
-        ("000001.npz", b"", "000001.npz: is damaged"),
-        ("000001.npz", b"PK\x03\x04 and more", "000001.npz: is damaged"),
-        ("000001.geojson", b"[1]", "000001.geojson: is damaged"),
-        ("000001.geojson", b'{"properties": {}}', "000001.geojson: is damaged"),
-        ("000001.geojson", b"\xff", "000001.geojson: is damaged"),
+        ("000001.npz", b"", "000001.npz: is corrupt"),
+        ("000001.npz", b"PK\x03\x04 and more", "000001.npz: is corrupt"),
+        ("000001.geojson", b"[1]", "000001.geojson: is corrupt"),
+        ("000001.geojson", b'{"properties": {}}', "000001.geojson: is corrupt"),
+        ("000001.geojson", b"\xff", "000001.geojson: is corrupt"),
     ],
 )
 def test_damaged_results_are_named(tmp_path: Path, name: str, content: bytes, text: str) -> None:
@@ -171,7 +171,7 @@ def test_an_interrupted_run_keeps_its_results(
     monkeypatch.setattr(module, "complete", interrupted)
     folder = out / ("runs" if sweep else "members")
     line = refused(130, *command, "-o", str(out))
-    assert f"interrupted; {folder} keeps the finished" in line
+    assert f"are kept in {folder}" in line
     assert 2 <= len([*folder.glob("0*")]) < 6
     monkeypatch.undo()
     assert call("fire", *command, "-o", str(out)).exit_code == 0

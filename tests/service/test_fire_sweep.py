@@ -71,7 +71,7 @@ def test_only_missing_runs_are_burned_and_other_settings_refused(tmp_path: Path)
     ]:
         result = call("fire", "sweep", str(flat), "-o", str(out), *options)
         assert result.exit_code == 1
-        assert "contains results of other settings" in result.output
+        assert "contains results with other settings" in result.output
         assert text in result.output
     assert contents(out) == before
 
@@ -121,7 +121,7 @@ def test_ranges_contain_their_ends_and_are_exact() -> None:
         (["a=1,,2"], "is empty"),
         (["a=1:2:0"], "positive step"),
         (["a=nan:2:1"], "positive step"),
-        (["a=2:1:1"], "exchange them"),
+        (["a=2:1:1"], "swap them"),
         (["a=0:1e9:1"], "1000000001 values"),
         (["a=1:200:1", "b=1:200:1"], "40000 runs"),
     ],

@@ -46,7 +46,7 @@ home_lon_deg = -84.16
 autostart = true
 landing = false
 """
-FRACTION = "weather entry 0: dead_1h_pct = 0.06 %: probably a fraction; give percent (6)"
+FRACTION = "weather entry 0: dead_1h_pct = 0.06 %: probably a fraction; specify it in percent (6)"
 NORTH = "the fire reached the edge of the landscape at 0:"
 
 

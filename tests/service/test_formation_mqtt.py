@@ -278,7 +278,7 @@ def test_newer_states_overtake_and_the_rest_is_bounded() -> None:
 @pytest.mark.parametrize(
     ("message", "words"),
     [
-        (state("kite", 1), "the sender in the message is kite"),
+        (state("kite", 1), "the message contains another sender, kite"),
         (state("hawk", LATEST_US + 1), "mission time 3600 s is after"),
         (Difference(1, "hawk", ((1, 1, 61_000_002, True),)), "observation time 61 s"),
         (FireUpdate(1, "hawk", (-1,)), "cannot be read"),

@@ -100,7 +100,7 @@ def test_a_replay_reproduces_every_order(eight: Run) -> None:
 
 def test_planners_alone_report_that_there_are_no_decisions(eight: Run) -> None:
     with pytest.raises(
-        MissionServiceError, match="takes no decisions along a front; use replay --verify"
+        MissionServiceError, match="makes no decisions along a front; use replay --verify"
     ):
         decide(eight.journal)
 

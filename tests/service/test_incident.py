@@ -120,10 +120,10 @@ def test_an_aircraft_may_have_a_link_and_a_system_id(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
-        ((*WIND, *FIRE, *HAWK), 2, "give --box, --landscape or --layer"),
-        ((*BOX, *FIRE, *HAWK), 2, "give --wind or --weather"),
-        ((*BOX, *WIND, *HAWK), 2, "give --ignition or --perimeter"),
-        ((*BOX, *WIND, *FIRE), 2, "give --vehicle"),
+        ((*WIND, *FIRE, *HAWK), 2, "specify --box, --landscape or --layer"),
+        ((*BOX, *FIRE, *HAWK), 2, "specify --wind or --weather"),
+        ((*BOX, *WIND, *HAWK), 2, "specify --ignition or --perimeter"),
+        ((*BOX, *WIND, *FIRE), 2, "specify --vehicle"),
         ((*BOX, "--wind", "5", *FIRE, *HAWK), 2, "write it as SPEED,FROM in m/s and degrees"),
         ((*BOX, *WIND, "--ignition", "x,y", *HAWK), 2, "write it as LAT,LON"),
         ((*BOX, *WIND, *FIRE, "--vehicle", "hawk,px5,plane,1,2"), 2, "px4|ardupilot"),
@@ -147,10 +147,10 @@ def test_what_is_missing_or_wrong_is_refused_and_nothing_is_written(
 def test_a_file_is_not_overwritten_and_a_source_is_given_once(tmp_path: Path) -> None:
     path = tmp_path / "fire.toml"
     path.write_text("mine", encoding="utf-8")
-    assert "exists; give another name" in new(path, *BOX, *WIND, *FIRE, *HAWK).output
+    assert "exists; choose another name" in new(path, *BOX, *WIND, *FIRE, *HAWK).output
     assert path.read_text(encoding="utf-8") == "mine"
     both = new(tmp_path / "b.toml", *BOX, "--landscape", str(path), *WIND, *FIRE, *HAWK)
-    assert "give only one of --box and --landscape" in both.output
+    assert "specify only one of --box and --landscape" in both.output
 
 
 def test_on_a_terminal_questions_are_asked_until_the_answers_are_valid(
@@ -162,5 +162,5 @@ def test_on_a_terminal_questions_are_asked_until_the_answers_are_valid(
     words: list[Any] = ["incident", "new", str(path)]
     result = CliRunner().invoke(main, words, input="\n".join([*answers, ""]))
     assert result.exit_code == 0, result.output
-    assert "give WEST,SOUTH,EAST,NORTH" in result.output
+    assert "specify WEST,SOUTH,EAST,NORTH" in result.output
     assert load_scenario(str(path)).vehicles[0].name == "hawk"

@@ -86,8 +86,8 @@ def test_a_completed_form_makes_a_scenario_and_ends_the_server(site: Site) -> No
     ("fields", "words"),
     [
         ({"wind": "5"}, "write it as SPEED,FROM"),
-        ({"wind": ""}, "give --wind or --weather"),
-        ({"aircraft": []}, "give --vehicle"),
+        ({"wind": ""}, "specify --wind or --weather"),
+        ({"aircraft": []}, "specify --vehicle"),
         ({"ignitions": ["37.35,-84.15"]}, "lies outside the landscape"),
         ({"perimeter": "outline.geojson", "ignitions": []}, "outline.geojson: no such file"),
         ({"landscape": "../../etc/passwd", "box": ""}, "no such file"),
@@ -198,4 +198,4 @@ def test_the_command_refuses_an_existing_scenario(tmp_path: Path) -> None:
     file.write_text("")
     result = call("incident", "page", str(file), "--no-browser")
     assert result.exit_code == 1
-    assert f"{file}: exists; give another name" in result.output
+    assert f"{file}: already exists; choose another name" in result.output

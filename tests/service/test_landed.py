@@ -84,7 +84,7 @@ def test_an_order_to_start_is_refused_until_the_vehicle_is_disarmed(land: Landsc
     for each in ("start", "resume", "takeoff"):
         (answer,) = order(flight, each)
         assert isinstance(answer, Announce)
-        assert "order it again when it is disarmed" in answer.text
+        assert "repeat the order when it is disarmed" in answer.text
 
 
 LIFTS_OFF = (Hold, HoldAt, GoAround, Return, StartMission)
@@ -129,7 +129,7 @@ def test_orders_on_the_ground_are_refused_because_it_has_landed(demo: Landscape,
         (answer,) = flight.order(each)
         assert isinstance(answer, Announce)
         assert "it has landed, but is not disarmed yet" in answer.text
-        again = "order it again when it is disarmed" in answer.text
+        again = "repeat the order when it is disarmed" in answer.text
         assert again is (each in ("start", "resume", "takeoff"))
 
 

@@ -161,7 +161,7 @@ def test_a_plane_that_lands_by_its_return_is_not_sent_around(land: Landscape) ->
     flight.order("return")
     flight.mode("return")
     flight.at(30.0, away_deg=0.002)
-    assert "rejected: hawk: it is landing already" in texts(flight.order("land"))
+    assert "rejected: hawk: it is already landing" in texts(flight.order("land"))
 
 
 def test_a_landing_needs_no_approval(land: Landscape) -> None:

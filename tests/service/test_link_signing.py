@@ -138,7 +138,9 @@ def test_the_same_key_from_two_places_is_one_signing_with_lasting_timestamps(
     assert second == first + 1
     assert timestamps_file() == state / "mission-service" / "signing-timestamp"
     assert int(timestamps_file().read_text(encoding="ascii")) == second
-    assert lines == [f"signing key: {file} can be read by others on this machine; chmod 600 {file}"]
+    assert lines == [
+        f"signing key: {file} is readable by other users of this machine; run chmod 600 {file}"
+    ]
     assert stat.S_IMODE(file.stat().st_mode) == 0o644  # reported, not changed
     with signings((None,), wall_us, lines.append) as of:
         assert of == {}
@@ -156,7 +158,7 @@ def test_the_most_frequent_refusal_is_reported_once() -> None:
     assert line.startswith("refused 12 frames without a signature on udpin:h:1; set the vehicle")
     assert refusals.new_reports(Counts(unsigned=40), False) == []
     silent = SigningRefusals("udpin:h:1", 1, None)
-    assert "no signing key is given" in silent.new_reports(Counts(), True)[0]
+    assert "no signing key is configured" in silent.new_reports(Counts(), True)[0]
 
 
 def test_a_vehicle_whose_clock_is_ahead_is_reported() -> None:
@@ -193,7 +195,7 @@ def test_missions_over_a_signed_link(tmp_path: Path) -> None:
 
         none = call("mission", "clear", *link, "--timeout", "0.8")
         assert none.exit_code == 1
-        assert "are signed, and no signing key is given" in none.stderr
+        assert "are signed, but no signing key is configured" in none.stderr
     assert holds_no_key(tlog)
 
 
@@ -237,7 +239,7 @@ def test_a_vehicle_that_ignores_its_commands_is_named(
     link = ("--link", f"udpin:127.0.0.1:{port}")
     with mock_on(port, tmp_path, "--signing-key", "env:THE_KEY"):
         again = call("signing", "set-up", *link, "--signing-key", "env:OTHER_KEY")
-        assert "signs with another key; give that key with --old-key" in again.stderr
+        assert "signs with another key; specify that key with --old-key" in again.stderr
         off = call("signing", "off", *link, "--signing-key", "env:OTHER_KEY", "--timeout", "0.8")
         assert "no autopilot was accepted" in off.stderr
 

@@ -173,6 +173,6 @@ def test_a_recording_in_which_vehicles_look_alike_is_reported(tmp_path: Path) ->
     changes = [word for change in (*links, *ids, http) for word in ("--set", change)]
     arguments = ["run", "demo", "--out", str(tmp_path), "--tlog", str(tlog), *changes]
     with process(arguments, log) as daemon:
-        wait_until(lambda: "cannot be distinguished here" in log.read_text("utf-8"))
+        wait_until(lambda: "cannot be distinguished in it" in log.read_text("utf-8"))
         daemon.send_signal(signal.SIGINT)
         assert daemon.wait(timeout=PATIENCE_S) == 0

@@ -70,7 +70,7 @@ def alarms(commands: list[AnyCommand]) -> list[RaiseAlarm]:
 def test_without_the_key_the_reaction_is_only_announced() -> None:
     core = core_of()
     for values, words in (
-        (NONE, "if the link is lost it continues; return height 60 m; fence: hold"),
+        (NONE, "if the link is lost, it continues; return height 60 m; fence: hold"),
         (RETURNS, "holds after 10 s, returns after 15 s; return height 60 m; fence: hold"),
     ):
         commands = report(core, values)
@@ -84,8 +84,9 @@ def test_a_difference_raises_an_alarm_with_the_command_that_ends_it() -> None:
     (alarm,) = alarms(report(core, NONE))
     assert (alarm.alarm, alarm.severity) == ("lost_link", "warning")
     assert alarm.text == (
-        'if the link is lost it continues; lost_link = "return" in the scenario: stop the service, '
-        "then mission-service lost-link set return --link udpin:127.0.0.1:14999 --system-id 1 "
+        'if the link is lost, it continues; lost_link = "return" in the scenario: stop the '
+        "service, then run mission-service lost-link set return --link udpin:127.0.0.1:14999 "
+        "--system-id 1 "
         "(NAV_DLL_ACT 0 -> 2)"
     )
     commands = report(core, RETURNS)
@@ -148,7 +149,7 @@ def test_the_state_of_a_vehicle_shows_the_reaction() -> None:
 
 @pytest.mark.parametrize("wanted", ["hold", "land"])
 def test_a_reaction_that_arduplane_lacks_is_rejected(wanted: str) -> None:
-    with pytest.raises(ScenarioError, match="an ArduPlane has no reaction lost_link"):
+    with pytest.raises(ScenarioError, match="ArduPlane has no reaction lost_link"):
         core_of(wanted, stack="ardupilot", kind="plane")
 
 

@@ -128,7 +128,7 @@ def test_warnings_and_impossible_reactions_are_shown(tmp_path: Path) -> None:
         assert "FS_LONG_TIMEOUT 5" in result.stdout
         result = call("set", "land", "-o", str(tmp_path / "old.json"), *link)
         assert result.exit_code == 1
-        assert "it can: continue, return" in result.stderr
+        assert "supported: continue, return" in result.stderr
 
 
 def test_without_an_autopilot_the_error_is_one_line() -> None:
@@ -142,4 +142,4 @@ def test_without_an_autopilot_the_error_is_one_line() -> None:
 def test_set_needs_either_a_reaction_or_a_file(arguments: tuple[str, ...]) -> None:
     result = call("set", *arguments)
     assert result.exit_code == 2
-    assert "give either continue, hold, return or land, or --restore FILE" in result.stderr
+    assert "specify either continue, hold, return or land, or --restore FILE" in result.stderr

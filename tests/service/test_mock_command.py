@@ -53,7 +53,7 @@ def test_bad_words_get_one_line_and_exit_code_1(arguments: tuple[str, ...], word
 def test_without_a_scenario_the_vehicle_is_a_kind() -> None:
     result = call("mock", "--vehicle", "owl")
     assert result.exit_code == 2
-    assert "without a scenario, give plane, vtol or copter" in result.stderr
+    assert "without a scenario, use plane, vtol or copter" in result.stderr
 
 
 def test_links_to_listen_on() -> None:

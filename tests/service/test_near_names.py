@@ -63,7 +63,10 @@ def test_a_vehicle_of_a_plan(tmp_path: Path) -> None:
     ("request_", "words"),
     [
         ({"do": "holdd", "vehicle": ""}, "did you mean hold?"),
-        ({"do": "hold", "vehicle": "hakw"}, "no vehicle 'hakw'; the run has hawk; did you mean ha"),
+        (
+            {"do": "hold", "vehicle": "hakw"},
+            "no vehicle 'hakw'; the vehicles are hawk; did you mean ha",
+        ),
         ({"do": "wind", "speed": 3}, "from_deg; did you mean speed_m_s?"),
         ({"do": "hold", "vehicle": "hawk", "station": "dsk"}, "did you mean desk?"),
     ],

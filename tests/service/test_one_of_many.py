@@ -188,11 +188,13 @@ def test_orders_to_all_go_to_the_local_vehicle() -> None:
 def test_only_its_own_vehicle_is_flown() -> None:
     assert [section.name for section in scenario().flown] == ["crane"]
     assert len(scenario().vehicles) == 8
-    with pytest.raises(ScenarioError, match="--vehicle dodo: virtual-agents has heron, stork"):
+    with pytest.raises(
+        ScenarioError, match="--vehicle dodo: no such vehicle; virtual-agents has heron, stork"
+    ):
         one_of_many(load_scenario("virtual-agents"), "dodo", peer_messaging=True)
     with pytest.raises(ScenarioError, match='--broker requires rule = "formation"'):
         one_of_many(load_scenario("team"), None, peer_messaging=True)
-    with pytest.raises(ScenarioError, match="only: no vehicle dodo"):
+    with pytest.raises(ScenarioError, match="`only`: there is no vehicle dodo"):
         load_scenario("team", ('only="dodo"',))
 
 

@@ -189,7 +189,7 @@ def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
     assert flight.state_view.missions["hawk"].on_board is None
     wrong = MissionAccepted(flight.now_us, *ANN, "hawk", "0" * 64)
     assert flight.submit(wrong) == [
-        "rejected: no such mission is proposed; load the proposal again"
+        "rejected: this mission is no longer proposed; reload the proposal"
     ]
     accept = MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash)
     assert "accepted by ann" in flight.submit(accept)[0]
@@ -236,7 +236,7 @@ def test_settings_are_passed_to_planners_that_have_them(fly: Fly) -> None:
     assert (planner.settings.alpha, planner.settings.dwell_s) == (2.5, 50.0)
     flight.over()
     team = fly(rule="team.balanced")
-    assert "no setting was changed" in team.submit(SettingsChanged(team.now_us, *ANN, alpha=2.5))[0]
+    assert "none was changed" in team.submit(SettingsChanged(team.now_us, *ANN, alpha=2.5))[0]
 
 
 def test_an_abort_before_it_was_found_keeps_a_vehicle_on_the_ground(fly: Fly) -> None:

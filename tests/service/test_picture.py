@@ -177,12 +177,15 @@ def test_a_blocked_event_loop_raises_an_alarm_until_it_is_in_time(state_view: St
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (('service.http.listen="0.0.0.0:80"',), "is not a loopback address: give tokens"),
+        (('service.http.listen="0.0.0.0:80"',), "is not a loopback address: set `tokens`"),
         (('service.http.listen="8765"',), "write it as HOST:PORT"),
-        (('service.mqtt.password="hunter2"',), 'give the source of the password, as "file:PATH"'),
+        (
+            ('service.mqtt.password="hunter2"',),
+            'specify the source of the password, as "file:PATH"',
+        ),
         (("service.journal.rotate_mb=0",), "service.journal.rotate_mb"),
         (("service.http.port=1",), "service.http.port: unknown key"),
-        (("service.http=true",), "service.http: write false, or a table [service.http]"),
+        (("service.http=true",), "service.http: use false, or a table [service.http]"),
     ],
 )
 def test_settings_of_the_service_are_checked(overrides: tuple[str, ...], words: str) -> None:

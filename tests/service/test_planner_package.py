@@ -167,7 +167,7 @@ def test_its_table_is_checked_by_its_own_model() -> None:
     checked = service("config", "check", "default", *changed(*RULE))
     assert checked.returncode == 0, checked.stderr
     rule = "planner.rule=pendulum"
-    assert "pendulum.turn_every_s: give a number, above 0" in error_of(
+    assert "pendulum.turn_every_s: must be a number, above 0" in error_of(
         rule, "pendulum.turn_every_s=0"
     )
     assert "pendulum.turns: unknown key" in error_of(rule, "pendulum.turns=1")

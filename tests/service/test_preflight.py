@@ -255,7 +255,7 @@ def test_without_a_position_or_with_an_old_one_it_does_not_take_off(land: Landsc
     ground.stands()
     ground.at_s += 30.0
     refused = ground.order("takeoff", override=REASON)
-    assert "position: the last one is 30 s old" in texts(refused)
+    assert "position: the last position is 30 s old" in texts(refused)
     assert "cannot be overridden" in texts(refused)
     ground.at()
     assert starts(ground.order("takeoff"))
@@ -273,15 +273,15 @@ def test_the_home_of_the_scenario_is_compared_with_position_and_terrain(land: La
     ground.home_amsl_m -= 50.0
     ground.at(off_deg=0.003)  # 270 m
     refused = texts(ground.order("takeoff"))
-    assert re.search(r"home: 2\d\d m from the home in the scenario, .* carry it there", refused)
+    assert re.search(r"home: 2\d\d m from the home in the scenario, .* move it there", refused)
 
 
 def test_the_wind_is_compared_with_the_limit_of_the_airframe(land: Landscape) -> None:
     ground = Ground(land, WAITS, "vehicles.0.max_wind_m_s=3", "weather.0.wind_speed_m_s=4")
-    assert ground.check("wind") == ("fail", "4 m/s, the limit is 3 m/s: wait for less wind")
+    assert ground.check("wind") == ("fail", "4 m/s; the limit is 3 m/s: wait for less wind")
     ground = Ground(land, WAITS, "weather.0.wind_speed_m_s=4")
     limit_m_s = ground.section.airspeed_m_s
-    assert ground.check("wind") == ("pass", f"4 m/s, the limit is {limit_m_s:.0f} m/s")
+    assert ground.check("wind") == ("pass", f"4 m/s; the limit is {limit_m_s:.0f} m/s")
 
 
 def test_the_energy_must_suffice_for_the_flight_to_the_task_and_home(land: Landscape) -> None:
@@ -424,10 +424,10 @@ def test_of_two_users_the_second_is_refused(land: Landscape) -> None:
     ground.at()
     ground.order("takeoff", by="ann")
     refused = ground.order("takeoff", by="bob")
-    assert texts(refused) == "rejected: hawk: ann has signed off its takeoff already"
+    assert texts(refused) == "rejected: hawk: ann has already signed off its takeoff"
     assert starts(ground.stands())
     refused = ground.order("takeoff", by="bob")
-    assert texts(refused) == "rejected: hawk: its takeoff has begun"
+    assert texts(refused) == "rejected: hawk: its takeoff has already begun"
 
 
 def test_a_vehicle_in_the_air_is_not_signed_off(land: Landscape) -> None:
@@ -436,7 +436,7 @@ def test_a_vehicle_in_the_air_is_not_signed_off(land: Landscape) -> None:
     ground.mode("mission")
     ground.at(100.0)
     refused = ground.order("takeoff", override=REASON)
-    assert texts(refused) == "rejected: hawk: it is in the air: order resume, or start"
+    assert texts(refused) == "rejected: hawk: it is in the air: order resume or start"
     assert not starts(refused)
 
 

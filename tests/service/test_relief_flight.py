@@ -186,7 +186,7 @@ def test_if_the_next_one_is_lost_or_does_not_take_off_another_one_is_sent(tmp_pa
     flight.until("wren", TaskRole.ON_TASK)
     entries = flight.over()
     texts = [each.text for each in entries if isinstance(each, Announce)]
-    assert any("has not taken off to relieve" in text for text in texts)
+    assert any("has not taken off for its relief" in text for text in texts)
     (found,) = reliefs_in(flight.path)
     assert (found.left_by, found.resumed_by) == ("hawk", "wren")
     assert found.distance_m <= MAX_RESUME_M

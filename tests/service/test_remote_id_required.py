@@ -45,7 +45,7 @@ def fly(ground: Ground, seconds: float) -> list[AnyCommand]:
 @pytest.mark.parametrize(
     ("state", "text", "words"),
     [
-        ("", "", "no message of a Remote ID module was received: check its power and its wiring"),
+        ("", "", "no message was received from a Remote ID module: check its power and its wiring"),
         ("fails", "no GPS lock", "fails: no GPS lock: correct its error"),
         ("lost", "silent for 5 s", "lost: silent for 5 s: check its power and its wiring"),
     ],

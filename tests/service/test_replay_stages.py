@@ -229,7 +229,7 @@ def test_an_observation_of_another_time_than_its_position_is_named(
         return content
 
     found = verify(rewritten(longer, tmp_path / "journal.jsonl", later), stages=("fire",))
-    words = f"line {first[0]}: no position of hawk follows at its time"
+    words = f"line {first[0]}: no position of hawk with the same time follows"
     assert found.difference == words
 
 

@@ -232,8 +232,8 @@ def test_places_within_the_error_of_the_front_change_nothing(world: World) -> No
     ("keys", "reason"),
     [
         ({"points": [[36.36, -54.14]]}, "36.36, -54.14 is outside the landscape"),
-        ({"points": [[-84.14, 36.36]]}, "latitude and longitude are exchanged"),
-        ({"age_s": 7 * 3600.0}, "age_s: give a number from 0 to 21600"),
+        ({"points": [[-84.14, 36.36]]}, "latitude and longitude are swapped"),
+        ({"age_s": 7 * 3600.0}, "age_s: must be a number from 0 to 21600"),
         ({"age_s": -5.0}, "age_s"),
         ({"false_alarms_pct": 100.0}, "false_alarms_pct"),
         ({"shape": "polygon"}, "a polygon requires 3"),
@@ -387,7 +387,8 @@ def test_hot_ground_burns_at_once(world: World) -> None:
 @pytest.mark.parametrize("keys", [{"state": "hot"}, {"state": "burned", "temperature_c": 400.0}])
 def test_a_temperature_is_that_of_hot_ground(world: World, keys: dict[str, object]) -> None:
     reply = observe(world, [far_cell(world)], **keys)
-    assert reply["error"] == "observe: the state hot, and no other state, needs temperature_c"
+    words = 'observe: the state "hot", and no other state, requires temperature_c'
+    assert reply["error"] == words
 
 
 def north_edge(world: World) -> list[tuple[int, int]]:

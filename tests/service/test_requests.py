@@ -117,7 +117,7 @@ def test_each_line_of_the_socket_is_answered_as_its_run_accepts_it(
     assert isinstance(answer, dict)
     assert isinstance(answer, dict)
     accepted = name in accepted_in(world.context.scenario)
-    of_run = "only in a burn" if scenario == "demo" else "not in a burn"
+    of_run = "available only in a burn" if scenario == "demo" else "not available in a burn"
     assert (f"{name}: {of_run}" not in answer.get("error", "")) == accepted
 
 
@@ -196,9 +196,9 @@ def test_a_decision_on_a_mission_that_is_not_proposed_fails(
 ) -> None:
     world = world_in(tmp_path, scenario_of(changes=(*SMALL, f"mission.approval={approval}")))
     why = (
-        "no such mission is proposed"
+        "this mission is no longer proposed"
         if approval == "each"
-        else "the missions of this run need no approval"
+        else "the missions of this run do not need approval"
     )
     refused_in_one_line(call(world, name, "hawk", "a" * 64), f"{name}: {why}")
     ask = world.context.request_handler.ask
@@ -315,14 +315,14 @@ def test_requests_of_a_burn_are_refused_in_another_run(tmp_path: Path, call: Cal
 def test_an_abort_of_a_burn_is_announced(tmp_path: Path, call: Call) -> None:
     world = as_live(world_in(tmp_path, scenario_of("burn", ())))
     result = call(world, "abort")
-    words = "aborted by ann: no further drop; the next line requires a request for a plan\n"
+    words = "aborted by ann: no further drops; request a plan for the next line\n"
     assert (result.exit_code, result.output) == (0, words)
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
 def test_a_number_that_is_not_finite_is_refused(tmp_path: Path, call: Call, value: str) -> None:
     world = world_in(tmp_path, scenario_of())
-    words = f"settings: alpha = {value}: give a finite number"
+    words = f"settings: alpha = {value}: must be a finite number"
     refused_in_one_line(call(world, "settings", f"--alpha={value}"), words)
 
 
@@ -340,7 +340,7 @@ def test_who_has_left_a_burn_must_have_been_reported(tmp_path: Path, call: Call)
 def test_a_renewal_on_the_ground_names_what_it_waits_for(tmp_path: Path, call: Call) -> None:
     world = world_in(tmp_path, scenario_of())
     assert call(world, "return", "--vehicle", "hawk").exit_code == 0
-    words = "ordered home on the ground: a mission is sent when an operator orders its start\n"
+    words = "ordered to return on the ground: a mission is sent when an operator orders its start\n"
     assert call(world, "renew", "--vehicle", "hawk").output == words
 
 
@@ -372,7 +372,7 @@ def test_settings_that_the_rule_does_not_have_are_refused(
 ) -> None:
     world = world_in(tmp_path, scenario_of(scenario, settings))
     rule = world.context.scenario.planner.rule
-    words = f"settings: the rule {rule} has no such settings: no setting was changed"
+    words = f"settings: the rule {rule} does not have these settings: none was changed"
     refused_in_one_line(call(world, "settings", "--alpha", "1"), words)
 
 
@@ -384,13 +384,21 @@ def test_a_renewal_in_a_formation_is_refused(tmp_path: Path, call: Call) -> None
 @pytest.mark.parametrize(
     ("do", "fields", "words"),
     [
-        ("hold", {"by": "a\nb"}, "by: give one line of printable characters that is not blank"),
-        ("hold", {"station": " "}, "station: give one line of printable characters that is not"),
-        ("hold", {"vehicle": "a b"}, "vehicle: give the name of a vehicle: letters, digits, -"),
-        ("accept", {"vehicle": "a b", "hash": HASH}, "vehicle: give the name of a vehicle"),
-        ("accept", {"vehicle": "hawk", "hash": "12345678"}, "hash: give all 64 digits of the hash"),
-        ("approve", {"hash": "12345678"}, "hash: give all 64 digits of the hash"),
-        ("person", {**PLACE, "radius_m": 1.0, "name": "\t"}, "name: give one line of printable"),
+        ("hold", {"by": "a\nb"}, "by: must be a non-blank line of printable characters"),
+        ("hold", {"station": " "}, "station: must be a non-blank line of printable characters"),
+        ("hold", {"vehicle": "a b"}, "vehicle: must be the name of a vehicle: letters, digits, -"),
+        ("accept", {"vehicle": "a b", "hash": HASH}, "vehicle: must be the name of a vehicle"),
+        (
+            "accept",
+            {"vehicle": "hawk", "hash": "12345678"},
+            "hash: must be all 64 digits of the hash",
+        ),
+        ("approve", {"hash": "12345678"}, "hash: must be all 64 digits of the hash"),
+        (
+            "person",
+            {**PLACE, "radius_m": 1.0, "name": "\t"},
+            "name: must be a non-blank line of printable",
+        ),
     ],
 )
 def test_a_text_of_another_form_is_refused_without_a_pattern(
@@ -407,7 +415,7 @@ def test_a_text_of_a_command_over_mqtt_is_refused_without_a_pattern(key: str) ->
     body = json.dumps({**SENT, key: "a\nb"}).encode()
     reply = CommandGate(lambda request: {"ok": True}).accept("undo", body, False, 0, 0.0, 0)
     assert reply is not None
-    assert f"the message cannot be read: {key}: give " in reply.error
+    assert f"the message cannot be read: {key}: must be " in reply.error
     assert "regex" not in reply.error
 
 

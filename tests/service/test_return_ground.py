@@ -98,7 +98,7 @@ def test_a_return_below_a_ridge_is_led_over_it_until_the_straight_way_is_clear()
     (around,) = every(given, UploadMission)
     assert not every(given, Return)
     assert "would enter" not in texts(given)
-    assert "flies home around the airspace close above ground of 500 m AMSL" in texts(given)
+    assert "flies home around the airspace just above terrain at 500 m AMSL" in texts(given)
     highest_m = max(item.z for item in around.items if item.frame in AMSL_FRAMES)
     assert highest_m >= GROUND_M + RIDGE_M + 30.0
     vehicles.answer_uploads()
@@ -150,14 +150,14 @@ def test_a_vehicle_below_an_altitude_limit_holds_before_the_ridge() -> None:
     given = vehicles.order("return")
     assert not every(given, Return) + every(given, UploadMission)
     assert every(given, Hold) == [Hold("hawk")]
-    assert "holds before the airspace close above ground" in texts(given)
+    assert "holds short of the airspace just above terrain" in texts(given)
 
 
 def test_a_multirotor_is_not_ordered_to_land_through_the_ridge() -> None:
     vehicles = Vehicles(ridge(), 'vehicles.0.kind="copter"')
     given = vehicles.order("land")
     assert not every(given, Return)
-    assert "its way home would enter the airspace close above ground" in texts(given)
+    assert "its way home would enter the airspace just above terrain" in texts(given)
     assert every(vehicles.order("return"), UploadMission)
 
 
@@ -277,7 +277,9 @@ def test_a_vehicle_that_accepts_no_mission_home_climbs_and_returns(
     altitudes_m = [each.altitude_amsl_m for each in every(found, HoldAt)]
     assert altitudes_m == [GROUND_M + RIDGE_M + 20.0] * climbs
     words = "climbs to 520 m AMSL to return" if climbs else "its return would be too low"
-    (alarm,) = (each for each in every(found, RaiseAlarm) if "accepts no mission" in each.text)
+    (alarm,) = (
+        each for each in every(found, RaiseAlarm) if "does not accept a mission home" in each.text
+    )
     assert (alarm.alarm, alarm.severity) == ("airspace", "severe")
     assert words in alarm.text
     if climbs:
@@ -310,7 +312,9 @@ def test_a_climb_before_a_return_does_not_enter_closed_airspace() -> None:
         vehicles.handle(UploadFinished(vehicles.at_us, "hawk", upload.mission_id, "failed", ""))
         found = vehicles.at(CRUISE_M, later_s=20.0)
     assert not every(found, HoldAt)
-    (alarm,) = (each for each in every(found, RaiseAlarm) if "accepts no mission" in each.text)
+    (alarm,) = (
+        each for each in every(found, RaiseAlarm) if "does not accept a mission home" in each.text
+    )
     assert "its return would be too low" in alarm.text
 
 

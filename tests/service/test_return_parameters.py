@@ -38,16 +38,14 @@ def time_home_s(flight: Flight) -> float:
 
 def announced(commands: list[AnyCommand]) -> list[str]:
     lines = [each.text for each in commands if isinstance(each, Announce)]
-    return [line for line in lines if line.startswith("its parameters determine its return")]
+    return [line for line in lines if line.startswith("its parameters set its return")]
 
 
 def test_a_plane_returns_at_the_airspeed_of_its_parameters(land: Landscape) -> None:
     flight = Flight(land, *CALM, "vehicles.0.stack=ardupilot", "vehicles.0.airspeed_m_s=15")
     before_s = time_home_s(flight)
     lines = announced(read(flight, AIRSPEED_CRUISE=22.0, RTL_ALTITUDE=100.0))
-    assert lines == [
-        "its parameters determine its return: 22 m/s (airspeed_m_s = 15 in the scenario)"
-    ]
+    assert lines == ["its parameters set its return: 22 m/s (airspeed_m_s = 15 in the scenario)"]
     assert time_home_s(flight) == pytest.approx(before_s * 15.0 / 22.0, abs=0.5)
     expected_s = AWAY_M / (22.0 * true_airspeed_factor(FROM_AMSL_M))
     assert time_home_s(flight) == pytest.approx(expected_s, rel=0.02)
@@ -120,7 +118,7 @@ def test_keys_of_the_scenario_replace_only_parameters_without_a_reply(land: Land
     assert time_home_s(flight) == pytest.approx(with_keys_s, abs=0.1)
     (line,) = announced(read(flight, FW_AIRSPD_TRIM=15.0, RTL_RETURN_ALT=60.0))
     assert line == (
-        "its parameters determine its return: 15 m/s (return_speed_m_s = 12 in the scenario), "
+        "its parameters set its return: 15 m/s (return_speed_m_s = 12 in the scenario), "
         "60 m above home (return_height_m = 90)"
     )
     assert time_home_s(flight) == pytest.approx(with_keys_s * 12.0 / 15.0, rel=0.02)

@@ -157,7 +157,7 @@ def test_a_restart_takes_the_newest_state_that_it_can_use(kept: Kept, tmp_path: 
     assert passed_over == []
     half = newest_state(path).read_bytes()
     newest_state(path).write_bytes(half[: len(half) // 2])
-    for words in ("sha256 does not match", "is damaged", "of another code"):
+    for words in ("sha256 does not match", "is corrupt", "with another code"):
         core, event_count, passed_over = continued(kept, path)
         assert words in " ".join(passed_over)
         cores.append(core)
@@ -227,7 +227,7 @@ def test_a_state_is_for_its_user_alone_and_no_others_are_read(kept: Kept, tmp_pa
         read(ours, kept.shared)
     ours.chmod(0o600)
     other = kept.scenario.model_copy(update={"seed": 7})
-    with pytest.raises(StateError, match="of another scenario"):
+    with pytest.raises(StateError, match="with another scenario"):
         read(ours, Known(other, kept.landscape))
     assert read(ours, kept.shared)["core"].landscape is kept.landscape
 

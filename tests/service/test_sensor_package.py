@@ -82,7 +82,7 @@ def test_its_images_reach_planners_and_estimate_and_a_replay_is_equal(tmp_path: 
         ),
         pytest.param(*({"row": 20}, "KeyError: 'col'"), marks=pytest.mark.long),
         pytest.param(
-            *({"row": 20, "col": 30, "cells": ["uüu"]}, "other letters than b, u and ."),
+            *({"row": 20, "col": 30, "cells": ["uüu"]}, "letters other than b, u and ."),
             marks=pytest.mark.long,
         ),
         ({"row": "20", "col": 30, "cells": ["uub"]}, "ValidationError: Expected `int`"),
@@ -170,7 +170,10 @@ def test_all_sensors_are_closed_also_after_one_that_fails() -> None:
 def test_an_unknown_sensor_and_one_that_cannot_be_created_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(ScenarioError, match=r"0 packages have it; installed are .*\bdetector\b"):
+    with pytest.raises(
+        ScenarioError,
+        match=r"0 installed packages provide this sensor, not one; .* are .*\bdetector\b",
+    ):
         check(scenario_with('estimate.sensors=["thermometer"]'))
     import detector  # type: ignore[import-not-found]
 

@@ -80,8 +80,8 @@ def test_two_vehicles_on_task_are_a_defect() -> None:
         ('relief.vehicles=["hawk", "hawk"]', "contains a vehicle twice"),
         ('relief.vehicles=["hawk", "gull"]', "no vehicle gull"),
         ("vehicles.1.airspeed_m_s=20", "airspeed_m_s is 20.0 for kite, but 18.0 for hawk"),
-        ('planner.rule="team.balanced"', "needs a rule with a separate planner"),
-        ('planner.rule="informative"', "needs a rule with a separate planner"),
+        ('planner.rule="team.balanced"', "requires a rule with a separate planner"),
+        ('planner.rule="informative"', "requires a rule with a separate planner"),
         ('mission.approval="each"', "reliefs do not wait"),
         ('only="hawk"', "all its vehicles in one process"),
     ],
@@ -162,7 +162,7 @@ def test_a_replaced_battery_reports_its_low_charge_again() -> None:
 
 def test_simulated_batteries_need_an_endurance() -> None:
     scenario = load_scenario("team")
-    with pytest.raises(ScenarioError, match="needs the endurance_s of hawk"):
+    with pytest.raises(ScenarioError, match="requires endurance_s of hawk"):
         BatteryCrew(SimulatedBatteriesSection(packs=1), scenario, {})
 
 

@@ -23,22 +23,34 @@ USER = {"by": "ann", "station": "desk"}
 @pytest.mark.parametrize(
     ("request_", "text"),
     [
-        ({"do": "wind", "speed_m_s": -3, "from_deg": 0}, "speed_m_s: give a number from 0 to 100"),
+        (
+            {"do": "wind", "speed_m_s": -3, "from_deg": 0},
+            "speed_m_s: must be a number from 0 to 100",
+        ),
         ({"do": "wind", "speed_m_s": "4", "from_deg": 0}, "from 0 to 100 (got '4')"),
-        ({"do": "wind", "from_deg": 0}, "speed_m_s: is missing; give a number from 0 to 100"),
-        ({"do": "go", "item": ""}, "item: give a text of 1 to 200 characters (got '')"),
-        ({"do": "lit", "points": []}, "points: give a list of 1 to 1000 entries"),
-        ({"do": "lit", "points": [[1, 2], [3, 400]]}, "points.1.1: give a number from -180 to 180"),
-        ({"do": "lit", "points": [[1]]}, "points.0: give a list of 2 entries"),
-        ({"do": "hold", "vehicle": "", "confirmed": 3}, "confirmed: give true or false (got 3)"),
-        ({"do": "hold", "vehicle": "a b"}, "give the name of a vehicle: letters, digits, - and _"),
-        ({"do": "plan", "line_spacing_m": 0}, "line_spacing_m: give a number from 1 to 1000 (got"),
-        ({"do": "wind", "speed": 3}, "speed: unknown key; give by, station, speed_m_s"),
+        ({"do": "wind", "from_deg": 0}, "speed_m_s: is missing; specify a number from 0 to 100"),
+        ({"do": "go", "item": ""}, "item: must be a string of 1 to 200 characters (got '')"),
+        ({"do": "lit", "points": []}, "points: must be a list of 1 to 1000 entries"),
+        (
+            {"do": "lit", "points": [[1, 2], [3, 400]]},
+            "points.1.1: must be a number from -180 to 180",
+        ),
+        ({"do": "lit", "points": [[1]]}, "points.0: must be a list of 2 entries"),
+        ({"do": "hold", "vehicle": "", "confirmed": 3}, "confirmed: must be true or false (got 3)"),
+        (
+            {"do": "hold", "vehicle": "a b"},
+            "must be the name of a vehicle: letters, digits, - and _",
+        ),
+        (
+            {"do": "plan", "line_spacing_m": 0},
+            "line_spacing_m: must be a number from 1 to 1000 (got",
+        ),
+        ({"do": "wind", "speed": 3}, "speed: unknown key; the keys are by, station, speed_m_s"),
         (
             {"do": "correct", "state": "wet", "shape": "point", "points": [[1, 2]]},
-            "state: give one of burned, burning, unburned (got 'wet')",
+            "state: must be one of burned, burning, unburned (got 'wet')",
         ),
-        ({"do": "lit", "points": [[0, 10**400]]}, "points.0.1: give a number from -180 to 180"),
+        ({"do": "lit", "points": [[0, 10**400]]}, "points.0.1: must be a number from -180 to 180"),
         ({"do": "wind", "\ud800": 1}, "not valid Unicode"),
     ],
 )
@@ -54,28 +66,34 @@ def test_a_request(request_: dict[str, Any], text: str) -> None:
 @pytest.mark.parametrize(
     ("setting", "text"),
     [
-        ("weather.0.wind_speed_m_s=-3", "weather.0.wind_speed_m_s: give a number from 0 to 100"),
-        ("duration_s=0", "duration_s: give a number, above 0 and at most 3.2e+08"),
-        ("link.loss=1", "link.loss: give a number, at least 0 and below 1 (got 1)"),
-        ("seed=1.5", "seed: give a whole number, at least 0 (got 1.5)"),
-        ('vehicles.0.name="a b"', "vehicles.0.name: give letters, digits, - and _, at most 40"),
-        ('clock="sundial"', "clock: give one of autopilot, wall (got 'sundial')"),
-        ("weather=3", "weather: give a list (got 3)"),
-        ("ignition.0=4", "ignition.0: give a table of keys and values (got 4)"),
-        ('time_zero="noon"', "time_zero: give a date and time, as in 2026-"),
-        ("planner.alpha=-1", "planner.alpha: give a number, at least 0 (got -1)"),
-        ("weather.0={at_s=0,wind_from_deg=0}", "weather.0.wind_speed_m_s: is missing; give a num"),
-        ("weather_file={path=3}", "weather_file.path: give the path of a file (got 3)"),
-        ("duration_s=1e300", "duration_s: give a number, above 0 and at most 3.2e+08 (got 1e+300)"),
-        ("duration_s=true", "duration_s: give a number, above 0 and at most 3.2e+08 (got True)"),
-        ("seed=false", "seed: give a whole number, at least 0 (got False)"),
+        ("weather.0.wind_speed_m_s=-3", "weather.0.wind_speed_m_s: must be a number from 0 to 100"),
+        ("duration_s=0", "duration_s: must be a number, above 0 and at most 3.2e+08"),
+        ("link.loss=1", "link.loss: must be a number, at least 0 and below 1 (got 1)"),
+        ("seed=1.5", "seed: must be a whole number, at least 0 (got 1.5)"),
+        ('vehicles.0.name="a b"', "vehicles.0.name: must be letters, digits, - and _, at most 40"),
+        ('clock="sundial"', "clock: must be one of autopilot, wall (got 'sundial')"),
+        ("weather=3", "weather: must be a list (got 3)"),
+        ("ignition.0=4", "ignition.0: must be a table of keys and values (got 4)"),
+        ('time_zero="noon"', "time_zero: must be a date and time, such as 2026-"),
+        ("planner.alpha=-1", "planner.alpha: must be a number, at least 0 (got -1)"),
+        (
+            "weather.0={at_s=0,wind_from_deg=0}",
+            "weather.0.wind_speed_m_s: is missing; specify a num",
+        ),
+        ("weather_file={path=3}", "weather_file.path: must be the path of a file (got 3)"),
+        (
+            "duration_s=1e300",
+            "duration_s: must be a number, above 0 and at most 3.2e+08 (got 1e+300)",
+        ),
+        ("duration_s=true", "duration_s: must be a number, above 0 and at most 3.2e+08 (got True)"),
+        ("seed=false", "seed: must be a whole number, at least 0 (got False)"),
         ("landscape.bands={fuel=true}", "landscape.bands: contains true or false instead of a"),
         (
             "service.journal.keep_mb=true",
-            "service.journal.keep_mb: give a number, above 0 (got True)",
+            "service.journal.keep_mb: must be a number, above 0 (got True)",
         ),
         ("time_zero=2026-08-01T12:00:00", "time_zero: has no UTC offset; add it, as in 2026-08-01"),
-        ("landscape.lat_deg=89", "landscape.lat_deg: give a number from -80 to 84 (got 89)"),
+        ("landscape.lat_deg=89", "landscape.lat_deg: must be a number from -80 to 84 (got 89)"),
     ],
 )
 def test_a_setting(setting: str, text: str) -> None:
@@ -89,9 +107,9 @@ def test_a_setting(setting: str, text: str) -> None:
 def test_a_query_parameter(tmp_path: Path) -> None:
     service = served(world_in(tmp_path, scenario_of()))
     asked = {
-        "journal?limit=0": "query.limit: give a whole number from 1 to",
-        "journal?after=x": "query.after: give a whole number from 0 to",
-        "fire/contours?in_min=-1": "query.in_min.0: give a number from 0 to",
+        "journal?limit=0": "query.limit: must be a whole number from 1 to",
+        "journal?after=x": "query.after: must be a whole number from 0 to",
+        "fire/contours?in_min=-1": "query.in_min.0: must be a number from 0 to",
     }
 
     async def ask() -> None:
@@ -122,11 +140,11 @@ def test_each_kind_of_schema() -> None:
         assert found is not None
         return remedy(found, schema)
 
-    assert words("one") == "give a whole number, above 3"
-    assert words("two", 4) == "give a text of at least 2 characters"
-    assert words("three") == "give a"
-    assert words("four") == "give a list of 2 entries"
-    assert words("five") == "give a text that matches ^a*$"
+    assert words("one") == "must be a whole number, above 3"
+    assert words("two", 4) == "must be a string of at least 2 characters"
+    assert words("three") == "must be a"
+    assert words("four") == "must be a list of 2 entries"
+    assert words("five") == "must be a string that matches ^a*$"
     assert schema_at(schema, ("one", "deeper")) is None
     assert schema_at(schema, ("none",)) is None
 

@@ -106,9 +106,9 @@ def test_the_fence_closes_what_the_service_closes(land: Landscape) -> None:
 @pytest.mark.parametrize(
     ("limits", "reason"),
     [
-        ({"from_s": 5000.0}, "not closed during the whole run"),
-        ({"until_s": 5000.0}, "not closed during the whole run"),
-        ({"floor_agl_m": 100.0}, "begins above the ground"),
+        ({"from_s": 5000.0}, "not closed for the whole run"),
+        ({"until_s": 5000.0}, "not closed for the whole run"),
+        ({"floor_agl_m": 100.0}, "its floor is above the ground"),
         ({"ceiling_agl_m": 50.0}, "its ceiling is below"),
         ({"floor_amsl_m": -50.0, "ceiling_amsl_m": 3000.0}, ""),
     ],
@@ -128,7 +128,7 @@ def test_allowed_areas_that_are_apart_are_left_out(land: Landscape) -> None:
     hole = {"name": "far", "lat_deg": 36.60, "lon_deg": -84.12, "radius_m": 300.0}
     found = fence_of(load_scenario("demo", overrides(RANGE, allowed=(home, hole))), land)
     assert len(found.items) == 4
-    assert found.left_out == ("allowed areas: they are apart",)
+    assert found.left_out == ("allowed areas: they are not connected",)
 
 
 def test_a_volume_with_a_hole_is_left_out_and_loops_are_all_closed(land: Landscape) -> None:
@@ -178,7 +178,7 @@ def test_a_plan_with_a_fence_is_accepted_and_its_mission_stays_inside(
     ("more", "words"),
     [
         ((), "the scenario closes no airspace"),
-        (overrides(RANGE | {"until_s": 5000.0}), "range: it is not closed during the whole run"),
+        (overrides(RANGE | {"until_s": 5000.0}), "range: it is not closed for the whole run"),
         (overrides(CIRCLE | BETWEEN), "would enter the closed volume 'tower'"),
         (overrides(CIRCLE | HOME | {"ceiling_agl_m": 60.0}), "would enter the closed volume"),
         ((*overrides(CIRCLE | LANDING), FROM_SOUTHWEST), "would enter the closed volume 'tower'"),

@@ -115,7 +115,7 @@ def test_a_mission_that_is_not_uploaded_is_not_accepted() -> None:
     vehicle = next(iter(core.vehicles.values()))
     vehicle.drop_upload()  # there is no violation
     core.validate_state()
-    with pytest.raises(InvalidTransitionError, match="accepted cannot follow"):
+    with pytest.raises(InvalidTransitionError, match="transition to accepted is not allowed"):
         vehicle.enter(MissionPhase.ACCEPTED)
     vehicle.mission_phases.append(MissionPhase.UPLOADING)
     with pytest.raises(AssertionError, match="UPLOADING"):

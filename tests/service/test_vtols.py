@@ -221,7 +221,7 @@ def test_a_vehicle_of_another_stack_does_not_start() -> None:
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"backend": "mavsdk", "link": "udpin:127.0.0.1:1"}, 'needs backend = "native"'),
+        ({"backend": "mavsdk", "link": "udpin:127.0.0.1:1"}, 'requires backend = "native"'),
         ({"stack": "ardupilot", "lost_link": "hold"}, "has no reaction"),
     ],
 )

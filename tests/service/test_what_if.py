@@ -191,7 +191,7 @@ def test_approvals_and_restarts_are_not_submitted_again() -> None:
         (("--what-if", "planner=nix", "--out", "OUT/new"), "planner.rule: no such rule", 1),
         (
             ("--what-if", "alpha=-1", "--out", "OUT/new"),
-            "planner.alpha: give a number, at least 0",
+            "planner.alpha: must be a number, at least 0",
             1,
         ),
         (("--what-if", "alpha", "--out", "OUT/new"), "write it as KEY=VALUE of [planner]", 1),
@@ -199,8 +199,8 @@ def test_approvals_and_restarts_are_not_submitted_again() -> None:
         (("--what-if", "alpha=1", "--out", "RUN"), "is the folder of the journal", 1),
         (("--what-if", "alpha=1"), "--what-if needs --out DIR", 2),
         (("--verify", "alpha=1"), "--verify needs one journal", 2),
-        (("--verify", "--what-if", "alpha=1", "--out", "OUT"), "--verify or --what-if", 2),
-        (("--what-if", "alpha=1", "--stage", "core", "--out", "OUT"), "--stage is for", 2),
+        (("--verify", "--what-if", "alpha=1", "--out", "OUT"), "--verify and --what-if cannot", 2),
+        (("--what-if", "alpha=1", "--stage", "core", "--out", "OUT"), "--stage requires", 2),
         (("alpha=1",), "1: cannot be read", 1),
     ],
 )

@@ -72,7 +72,7 @@ def test_the_grids_can_be_read_as_wind_grids(path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        (("--speed", "6"), "give both --speed and --from"),
+        (("--speed", "6"), "specify both --speed and --from"),
         (("--speed", "0", "--from", "0", "--at", "3"), "--at has no effect"),
     ],
 )
@@ -127,7 +127,7 @@ def test_the_wind_is_fitted_to_measurements(path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (COLUMNS, "has no measurements"),
+        (COLUMNS, "contains no measurements"),
         ("lat_deg,lon_deg\n1,2\n", "line 2: above_ground_m = None"),
         (COLUMNS + "37,-119,8,fast,250,\n", "line 2: speed_m_s = 'fast'"),
         (COLUMNS + "1,2,8,5,250,\n", "line 2: lat 1.0, lon 2.0 is outside the landscape"),
@@ -143,7 +143,7 @@ def test_files_of_measurements_that_cannot_be_used(path: Path, text: str, proble
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        (("--speed", "5"), "give both --speed and --from"),
+        (("--speed", "5"), "specify both --speed and --from"),
         (("--speed", "5", "--from", "5", "--at", "3"), "--at has no effect"),
         (("--slope-flow",), "--slope-flow needs time_zero"),
         (("--speed", "nan", "--from", "5"), "nan"),
@@ -242,10 +242,10 @@ def test_a_snapshot_names_the_winds(path: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("table", "problem"),
     [
-        (TABLE + "station_lat_deg = 37.0\n", "give both station_lat_deg and station_lon_deg"),
+        (TABLE + "station_lat_deg = 37.0\n", "specify both station_lat_deg and station_lon_deg"),
         (
             TABLE + '[wind_grids]\npath = "dem.tif"\n',
-            "give either wind_grids or terrain_wind",
+            "specify either wind_grids or terrain_wind",
         ),
     ],
 )

@@ -111,18 +111,18 @@ def test_an_ensemble_burns_in_the_grids(path: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("table", "problem"),
     [
-        ("[wind_grids]\n", "wind_grids: give either path or pairs"),
+        ("[wind_grids]\n", "wind_grids: specify either `path` or `pairs`"),
         (GRIDS + "interval_s = 5\n", "wind_grids.interval_s"),
         ('[wind_grids]\npath = "none.tif"\n', "wind_grids.path: no such file"),
         (
             '[wind_grids]\nat_s = [0]\n[[wind_grids.pairs]]\nspeed = "wind.tif"\n'
             'direction = "wind.tif"\n',
-            "wind_grids: at_s has no effect with pairs",
+            "wind_grids: at_s has no effect with `pairs`",
         ),
         (
             '[[wind_grids.pairs]]\nspeed = "wind.tif"\ndirection = "wind.tif"\nat_s = 0\n'
             "time = 2024-07-01T12:00:00\n",
-            "wind_grids.pairs.0: give either at_s or time",
+            "wind_grids.pairs.0: specify either at_s or `time`",
         ),
     ],
 )
@@ -152,7 +152,7 @@ def test_a_file_that_cannot_be_used_is_one_line(path: Path, tmp_path: Path) -> N
     write_scenario(path.parent, TIFFS, CSV, POINT, GRIDS.replace('unit = "m_s"\n', ""))
     result = call("fire", "run", str(path), "-o", str(tmp_path / "out"))
     assert result.exit_code != 0
-    assert "has no unit; give the unit" in result.output
+    assert "has no unit; specify" in result.output
 
 
 def test_a_snapshot_names_the_grids(path: Path, tmp_path: Path) -> None:
@@ -174,7 +174,7 @@ def test_a_snapshot_names_the_grids(path: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(restored.fire.arrival_time_s, estimate.fire.arrival_time_s)
     write_wind(path.parent, 2.0)
     os.utime(path.parent / "wind.tif", ns=(1, 1))
-    with pytest.raises(Exception, match="is of another scenario"):
+    with pytest.raises(Exception, match="was written with another scenario"):
         header_of(file, Known(scenario, land))
 
 

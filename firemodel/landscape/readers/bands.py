@@ -85,7 +85,7 @@ def check_file(path: Path) -> None:
     """Raise FireModelError if a path is not that of a file."""
     if not path.is_file():
         folder = path.is_dir()
-        raise FireModelError(f"{path}: {'is a folder; give a file' if folder else 'no such file'}")
+        raise FireModelError(f"{path}: {'is a folder, not a file' if folder else 'no such file'}")
 
 
 def bands_of(path: Path) -> tuple[Band, ...]:
@@ -156,7 +156,7 @@ def band_of(source: Path | tuple[Path, int]) -> Band:
     bands = bands_of(path)
     if number == 0 and len(bands) != 1:
         raise FireModelError(
-            f"{path}: has {len(bands)} bands; give a file with one, or (file, band)"
+            f"{path}: has {len(bands)} bands; use a file with one band, or specify (file, band)"
         )
     if not 0 <= number <= len(bands):
         raise FireModelError(f"{path}: has no band {number}; its bands are 1 to {len(bands)}")
@@ -226,17 +226,16 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
     transform, found = band.transform, band.crs or crs
     if found is None:
         yield (
-            f"{band.path}: has no CRS; assign the file's projection to it, or give the projection "
-            "as crs"
+            f"{band.path}: has no CRS; assign the file's projection to it, or specify it as `crs`"
         )
     else:
         try:
             check_crs(found, str(band.path))
-            check_crs(crs or found, f"{band.path}: given as crs")
+            check_crs(crs or found, f"{band.path}: specified as `crs`")
             if crs is not None and not same_crs(found, crs):
                 yield (
-                    f"{band.path}: CRS {crs_label(found)} differs from {crs_label(crs)}, given as "
-                    "crs; leave crs out, or correct the CRS in the file"
+                    f"{band.path}: CRS {crs_label(found)} differs from {crs_label(crs)}, "
+                    "specified as `crs`; omit `crs`, or correct the CRS in the file"
                 )
         except FireModelError as error:
             yield str(error)
@@ -246,7 +245,7 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
         yield f"{band.path}: is not north-up; warp it to an unrotated grid"
     elif abs(transform.a + transform.e) > 1e-6 * transform.a:
         yield (
-            f"{band.path}: cells are {transform.a} x {-transform.e} m; resample it to square ones"
+            f"{band.path}: cells are {transform.a} x {-transform.e} m; resample it to square cells"
         )
     elif not MIN_CELL_M <= transform.a <= MAX_CELL_M:
         yield (
@@ -254,10 +253,10 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
             f"{MAX_CELL_M:.0f} m; correct the cell size in the file"
         )
     if band.dtype.startswith("complex"):
-        yield f"{band.name}: contains complex numbers; write real numbers"
+        yield f"{band.name}: contains complex numbers; store real numbers"
     if (band.scale, band.offset) != (1.0, 0.0):
         yield (
-            f"{band.name}: values have scale {band.scale} and offset {band.offset}; write them "
+            f"{band.name}: values have scale {band.scale} and offset {band.offset}; store them "
             "unscaled (gdal_translate -unscale)"
         )
 

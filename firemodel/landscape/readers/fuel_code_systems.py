@@ -57,8 +57,8 @@ def renamed_code(path: Path, codes: Collection[int], fuels: Mapping[int, FuelMod
         for code, name in sorted(names_in(table).items()):
             if code in codes and code in fuels and not _same_fuel(code, name, fuels[code]):
                 return (
-                    f"{path}: {table.name} beside the file has fuel codes of the system {system}: "
-                    f"there, code {code} is {name}, here {fuels[code].name}; {ADVICE}"
+                    f"{path}: {table.name} in the same folder uses fuel codes of the system "
+                    f"{system}, in which code {code} is {name}, not {fuels[code].name}; {ADVICE}"
                 )
     return ""
 
@@ -69,10 +69,10 @@ def advice_on(codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
     unknown = judged - {*fuels}
     for system, known in SYSTEMS.items():
         if judged <= known:
-            return f"these are codes of the system {system}: {ADVICE}"
+            return f"these codes belong to the system {system}: {ADVICE}"
     if all(code in CUSTOM for code in unknown):
         return "14-89 are custom fuels: describe them in a .fmd file (landscape.custom_fuels)"
-    return f"if a code means no data, give it as nodata; otherwise {ADVICE}"
+    return f"if a code means no data, declare it as nodata; otherwise {ADVICE}"
 
 
 def names_in(table: Path) -> dict[int, str]:

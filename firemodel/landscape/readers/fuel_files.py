@@ -55,8 +55,8 @@ def read_fuels(path: Path) -> dict[int, FuelModel]:
             continue
         code = _code(where, fields[0])
         if code in FUEL_MODELS or code in NON_BURNABLE or code in found:
-            fault = "is in the file twice" if code in found else "is a standard fuel model"
-            raise FireModelError(f"{where}: fuel code {code} {fault}; give it another number")
+            fault = "occurs twice in the file" if code in found else "is a standard fuel model"
+            raise FireModelError(f"{where}: fuel code {code} {fault}; assign it another number")
         found[code] = _fuel(where, fields, units)
     if not found:
         raise FireModelError(f"{path}: contains no fuel model; add a line with {FMD_FIELDS}")
@@ -72,7 +72,7 @@ def _fuel(where: str, fields: list[str], units: tuple[float, float, float, float
     elif len(fields) == 13:
         texts = fields[1:]
     else:
-        raise FireModelError(f"{where}: {len(fields)} fields; give {FMD_FIELDS}")
+        raise FireModelError(f"{where}: {len(fields)} fields; required are {FMD_FIELDS}")
     values = [number(where, "a value", text, 0.0, 1e9) for text in texts]
     loads = [value * units[0] for value in values[:5]]
     savs = [value * units[1] for value in values[5:8]]
@@ -135,11 +135,13 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
     for line, fields in rows_of(path):
         where = f"{path} line {line}"
         if len(fields) < 2:
-            raise FireModelError(f"{where}: give a fuel code and a factor of the spread rate")
+            raise FireModelError(
+                f"{where}: must contain a fuel code and a factor of the spread rate"
+            )
         code = _code(where, fields[0])
         if code in codes:
             raise FireModelError(
-                f"{where}: fuel code {code} is in the file twice; remove one of the lines"
+                f"{where}: fuel code {code} occurs twice in the file; remove one of the lines"
             )
         codes.add(code)
         factor = number(where, "the factor", fields[1], 0.0, 100.0)
@@ -164,13 +166,13 @@ def moistures_in(path: Path, rows: Iterator[tuple[int, list[str]]]) -> dict[int,
         where = f"{path} line {line}"
         if not 6 <= len(fields) <= 7:
             raise FireModelError(
-                f"{where}: {len(fields)} fields; give a fuel code and the moistures of 1-h, 10-h, "
-                "100-h, live herbaceous and live woody fuel"
+                f"{where}: {len(fields)} fields; required are a fuel code and the moistures of "
+                "1-h, 10-h, 100-h, live herbaceous and live woody fuel"
             )
         code = _code(where, fields[0], least=0)
         if code in found:
             raise FireModelError(
-                f"{where}: fuel code {code} is in the file twice; remove one of the lines"
+                f"{where}: fuel code {code} occurs twice in the file; remove one of the lines"
             )
         pct = [number(where, "a moisture", text, 0.5, MAX_PCT) for text in fields[1:6]]
         found[code] = Moisture(*(value / 100.0 for value in pct))

@@ -35,9 +35,9 @@ WIND = ("WIND_SPEED", "WIND_DIRECTION", "WIND_SPEED_UNITS")  # a constant wind, 
 USED = {START, END, MOISTURES, RAWS, WTR, WND, *WIND, *FILES, *UNITS.values()}
 # Ignored keys that have an equivalent in a scenario, with the remedy.
 INSTEAD = {
-    "CUSTOM_FUELS_FILE": "give it as landscape.custom_fuels",
-    "ROS_ADJUST_FILE": "give it as landscape.rate_factors",
-    "FARSITE_ROS_ADJUSTMENTS": "give a file as landscape.rate_factors",
+    "CUSTOM_FUELS_FILE": "specify it as landscape.custom_fuels",
+    "ROS_ADJUST_FILE": "specify it as landscape.rate_factors",
+    "FARSITE_ROS_ADJUSTMENTS": "specify a file as landscape.rate_factors",
     "CONDITIONING_PERIOD_END": "set weather_file.conditioned = true",
 }
 
@@ -110,8 +110,8 @@ class Inputs:
             if path.is_file():
                 return path
         raise FireModelError(
-            f"{self.path} line {line}: no file {plain}, and no {Path(plain).name} beside the "
-            "inputs file; correct the path, or copy the file there"
+            f"{self.path} line {line}: no file {plain}, and no {Path(plain).name} in the folder "
+            "of the inputs file; correct the path, or copy the file to this folder"
         )
 
     def time(self, key: str, year: int) -> datetime | None:
@@ -136,7 +136,7 @@ def time_of(where: str, year: int, fields: list[str]) -> datetime:
         return datetime.fromisoformat(found)  # the files have no UTC offset
     except ValueError:
         raise FireModelError(
-            f"{where}: {' '.join(fields)!r} is not a time; give month, day and HHMM"
+            f"{where}: {' '.join(fields)!r} is not a time; specify month, day and HHMM"
         ) from None
 
 
@@ -191,7 +191,7 @@ def read_inputs(path: Path) -> Inputs:
                 "rows follow; correct the number"
             )
     if not values:
-        raise FireModelError(f"{path}: contains no key; give a FARSITE or FlamMap inputs file")
+        raise FireModelError(f"{path}: contains no key; use a FARSITE or FlamMap inputs file")
     return Inputs(path, values, rows)
 
 

@@ -121,7 +121,7 @@ def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
         if layer in found:
             raise FireModelError(
                 f"{path}: bands {found[layer][1]} and {band.number} are both {layer}; select one "
-                f"by numbers of bands ({layer} = {band.number}, ...)"
+                f"by its band number ({layer} = {band.number}, ...)"
             )
         if layer:
             found[layer] = (path, band.number)
@@ -139,9 +139,9 @@ def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator
         if layer not in LAYERS:
             yield f"units: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
         elif layer not in layers:
-            yield f"units: {layer} has a unit, but no band is this layer; leave the unit out"
+            yield f"units: {layer} has a unit, but no band contains this layer; remove the unit"
         elif not UNITS[layer]:
-            yield f"units: the layer {layer} has no units; leave the unit out"
+            yield f"units: the layer {layer} is dimensionless; remove its unit"
 
 
 def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
@@ -157,9 +157,12 @@ def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
     unit = _WRITTEN_UNITS.get(words, words) or USUAL_UNITS.get(layer, "")
     if unit in choices:
         return unit
-    problem = f"unit {written!r} of {layer} is unknown" if written else f"unit of {layer} unknown"
+    problem = (
+        f"unit {written!r} of {layer} is unknown" if written else f"the unit of {layer} is unknown"
+    )
     raise FireModelError(
-        f"{band.name}: {problem}; give it in units ({layer} = ...), one of {', '.join(choices)}"
+        f"{band.name}: {problem}; specify it in `units` ({layer} = ...) as one of "
+        f"{', '.join(choices)}"
     )
 
 
@@ -225,7 +228,8 @@ def value_problems(
         bare = 'read these cells as bare ground (missing = "unburnable"), ' * (layer == "slope")
         yield (
             f"{band.name}: {layer} is {cells_with(bad, values)}; in {unit} it must be from "
-            f"{least:g} to {most:g}: correct it, declare it as nodata, {bare}or give another unit"
+            f"{least:g} to {most:g}: correct it, declare it as nodata, {bare}or specify another "
+            "unit"
         )
 
 
@@ -238,7 +242,7 @@ def _fuel_problems(
 ) -> Iterator[str]:
     if int(band.tags.get("FUEL_MODEL_OPTION", 0)) >= 2:
         yield (
-            f"{band.name}: its header requires a conversion file for its fuel codes; write the "
+            f"{band.name}: its header requires a conversion file for its fuel codes; store the "
             "converted codes"
         )
     if np.issubdtype(values.dtype, np.floating):

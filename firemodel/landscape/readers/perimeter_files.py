@@ -79,7 +79,7 @@ def read_perimeters(
     if not found:
         reason = warnings[0].removesuffix(LEFT_OUT).removeprefix(f"{path}: ")
         raise FireModelError(
-            f"{path}: contains no usable perimeter ({reason}); give polygons of burned areas with "
+            f"{path}: contains no usable perimeter ({reason}); use polygons of burned areas with "
             "their times"
         )
     return _united(_with_times(path, found, zone, warnings)), warnings
@@ -98,7 +98,7 @@ def _files(path: Path) -> list[Path]:
         if file.suffix.lower() in SUFFIXES and not file.name.startswith(".") and file.is_file()
     ]
     if not found:
-        raise FireModelError(f"{path}: contains no file of perimeters; add a {KINDS}")
+        raise FireModelError(f"{path}: contains no perimeter file; add a {KINDS}")
     return found
 
 
@@ -192,8 +192,8 @@ def _with_times(
             first = dates[0]
             raise FireModelError(
                 f"{first.file}: feature {first.number} has a date ({first.at}) without a time of "
-                "day, and the dates of the features do not all differ; give each feature its date "
-                "and time"
+                "day, and the dates of the features do not all differ; specify the date and time "
+                "of each feature"
             )
         warnings.append(
             f"{path}: {len(dates)} of {len(found)} perimeters have a date without a time of day; "

@@ -159,15 +159,16 @@ def bands_for(files: Sources) -> dict[str, Band]:
                 f"{where}: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
             )
     if "fuel" not in sources:
-        raise FireModelError(f"{where}: the fuel layer is missing; give it")
+        raise FireModelError(f"{where}: the fuel layer is missing; add it")
     if ("slope" in sources) != ("aspect" in sources):
         raise FireModelError(
-            f"{where}: only one of slope and aspect is given; give both, or only the elevation"
+            f"{where}: only one of slope and aspect is specified; specify both, or only the "
+            "elevation"
         )
     if "slope" not in sources and "elevation" not in sources:
         raise FireModelError(
-            f"{where}: elevation, slope and aspect are missing; give the elevation, or slope and "
-            "aspect"
+            f"{where}: elevation, slope and aspect are missing; specify the elevation, or slope "
+            "and aspect"
         )
     return {layer: band_of(sources[layer]) for layer in LAYERS if layer in sources}
 
@@ -176,15 +177,15 @@ def misfits(band: Band, grid: Grid, other: Grid, name: str) -> Iterator[str]:
     """Yield a problem if a band's grid differs from another file's grid."""
     differs = other.difference(grid)
     if differs:
-        yield f"{band.path}: {differs} of {name}; bring both rasters onto one grid"
+        yield f"{band.path}: {differs} of {name}; resample both rasters to one grid"
 
 
 def gaps(band: Band, values: NDArray[Any], without: Mask) -> Iterator[str]:
     """Yield a problem if a band has cells without a value."""
     if without.any():
         yield (
-            f"{band.name}: no data: value {cells_with(without, values)}; fill or crop them, or "
-            'read them as bare ground (missing = "unburnable")'
+            f"{band.name}: cells without data: value {cells_with(without, values)}; fill or crop "
+            'them, or read them as bare ground (missing = "unburnable")'
         )
 
 
@@ -245,13 +246,13 @@ def _arrival_problems(band: Band, arrival_s: NDArray[np.float64], land: Landscap
         )
     if burned.all() and _follows(arrival_s, land.elevation_m):
         yield (
-            f"{band.name}: the values are proportional to the elevation of the landscape; give a "
+            f"{band.name}: the values are proportional to the elevation of the landscape; use a "
             "raster of arrival times"
         )
     rate_m_s = _median_spread_m_s(arrival_s, land.cell_size_m)
     if rate_m_s > MAX_SPREAD_M_S:
         yield (
-            f"{band.name}: as arrival times, its values mean a fire that spreads at "
+            f"{band.name}: as arrival times, its values imply a fire that spreads at "
             f"{rate_m_s:.0f} m/s; check the band and arrival_unit"
         )
 

@@ -54,7 +54,7 @@ def read_shapes(
     shapes, found = features_of(path)
     refuse(crs_problems(path, found, crs))
     if not shapes:
-        raise FireModelError(f"{path}: has no features; give a file with at least one")
+        raise FireModelError(f"{path}: has no features; use a file with at least one")
     their_crs = str(found or crs)
     moved = []
     for number, read in _selected(path, shapes, feature):
@@ -104,7 +104,7 @@ def repair_note(
     both = (into_crs(one, crs, "EPSG:4326") for one in (shape, found)) if crs else ()
     areas = " before, ".join(f"{area_ha(one):.2f} ha" for one in both)
     reason = "closed line" if shape.is_valid else shapely.is_valid_reason(shape)
-    return f"{path}: feature {number} ({reason}) is repaired" + (areas and f": {areas} after")
+    return f"{path}: feature {number} ({reason}) was repaired" + (areas and f": {areas} after")
 
 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
@@ -229,7 +229,7 @@ def _has_companion(path: Path, suffix: str) -> bool:
 def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[str]:
     """Yield the problems of a file's CRS, or of the CRS given for it, one line each."""
     if found is None and given is None:
-        yield f"{no_crs(path)}, or give it as crs"
+        yield f"{no_crs(path)}, or specify it as `crs`"
         return
     for name in (found, given):
         try:
@@ -239,9 +239,8 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
             return
     if found and given and not same_crs(found, given):
         yield (
-            f"{path}: CRS {crs_label(found)} differs from {crs_label(given)}, given as crs; leave "
-            "crs "
-            "out, or correct the CRS in the file"
+            f"{path}: CRS {crs_label(found)} differs from {crs_label(given)}, specified as `crs`; "
+            "omit `crs`, or correct the CRS in the file"
         )
 
 
@@ -255,7 +254,7 @@ def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None
     """Yield the problems of a feature's geometry, except those of its position, one line each."""
     where = f"{path}: feature {number}"
     if shape.is_empty:
-        yield f"{where} is empty; delete or draw it"
+        yield f"{where} is empty; delete it, or draw it again"
         return
     if not np.isfinite(shapely.get_coordinates(shape)).all():
         yield f"{where} has a coordinate that is not a number; draw it again"
@@ -293,8 +292,8 @@ def place_problems(
         mid_lat, mid_lon = landscape.centre_lat_lon
         yield (
             f"{path}: feature {number} (at lat {lat:.4f}, lon {lon:.4f}) lies outside the "
-            f"landscape (around lat {mid_lat:.4f}, lon {mid_lon:.4f}); remove it, or give a "
-            "larger landscape"
+            f"landscape (around lat {mid_lat:.4f}, lon {mid_lon:.4f}); remove it, or use a larger "
+            "landscape"
         )
 
 

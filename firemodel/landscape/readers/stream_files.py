@@ -111,7 +111,7 @@ def daily_records(
     ]
     if winds[0][0] > end or winds[-1][0] < begin:
         raise FireModelError(
-            f"{wnd[0]}: contains no wind on the days of {wtr[0]}; give files of the same period"
+            f"{wnd[0]}: contains no wind on the days of {wtr[0]}; use files of the same period"
         )
     found = []
     for at in _times(winds, begin, end):
@@ -137,13 +137,13 @@ def _weather(
     path: Path, rows: NumberedRows, year: int, rain_in: float
 ) -> tuple[list[Extreme], list[Rain]]:
     if not rows:
-        raise FireModelError(f"{path}: contains no weather; give at least one day ({WTR})")
+        raise FireModelError(f"{path}: contains no weather; add at least one day ({WTR})")
     extremes: list[Extreme] = []
     rains: list[Rain] = []
     for line, fields in rows:
         where = f"{path} line {line}"
         if len(fields) not in (10, 12):
-            raise FireModelError(f"{where}: {len(fields)} fields; give {WTR}")
+            raise FireModelError(f"{where}: {len(fields)} fields; required are {WTR}")
         if extremes and number(where, "month", fields[0], 1, 12) < extremes[-1].at.month:
             year += 1
         low, high = (time_of(where, year, [*fields[:2], clock]) for clock in fields[3:5])
@@ -186,7 +186,7 @@ def winds_in(path: Path, rows: NumberedRows, year: int) -> list[Wind]:
     for line, fields in rows:
         where = f"{path} line {line}"
         if not 5 <= len(fields) <= 6:
-            raise FireModelError(f"{where}: {len(fields)} fields; give {WND}")
+            raise FireModelError(f"{where}: {len(fields)} fields; required are {WND}")
         if found and number(where, "month", fields[0], 1, 12) < found[-1][0].month:
             year += 1
         at = time_of(where, year, fields[:3])
@@ -198,7 +198,7 @@ def winds_in(path: Path, rows: NumberedRows, year: int) -> list[Wind]:
         number(where, "cloud cover", cloud, 0.0, 100.0)
         found.append(Wind(at, line, fields[3], fields[4], cloud))
     if not found:
-        raise FireModelError(f"{path}: contains no wind; give at least one line ({WND})")
+        raise FireModelError(f"{path}: contains no wind; add at least one line ({WND})")
     return found
 
 
@@ -222,7 +222,7 @@ def wind_file_of(path: Path) -> Path:
     ]
     if not found:
         raise FireModelError(
-            f"{path}: contains no wind, and there is no {path.stem}.wnd beside it; give "
+            f"{path}: contains no wind, and its folder contains no {path.stem}.wnd; set "
             "weather_file.wind"
         )
     return found[0]

@@ -178,8 +178,8 @@ def _zone_moistures(
     assert moisture is not None  # because dead moistures are not in the file (_check_moistures)
     if begin is None:
         raise FireModelError(
-            f"{path}: has no calendar times, which the position of the sun requires; give a column "
-            'time instead of at_s, or use dead_fuel_model = "time_lag"'
+            f"{path}: has no calendar times, which the position of the sun requires; use a column "
+            '`time` instead of `at_s`, or set dead_fuel_model = "time_lag"'
         )
     none = np.zeros(at_s.size)
     air = AirRecords(
@@ -251,7 +251,9 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
     name = "at_s" if "at_s" in rows[0][1] else "time"
     if name == "at_s":
         if start is not None:
-            raise FireModelError(f"{path}: has at_s, so its 0 s is the start; leave out {start}")
+            raise FireModelError(
+                f"{path}: has the column at_s, in which 0 s is the start; omit the start {start}"
+            )
         at_s = [_float(path, line, name, row[name]) for line, row in rows]
     else:
         times = [time_in(path, line, row[name]) for line, row in rows]
@@ -260,7 +262,7 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
             if (time.utcoffset() is None) != (origin.utcoffset() is None):
                 raise FireModelError(
                     f"{path} line {line}: time = {row[name]} and {origin.isoformat()}: one has a "
-                    "UTC offset, the other has none; give it to both or to neither"
+                    "UTC offset, the other has none; add one to both or to neither"
                 )
         at_s = [(time - origin).total_seconds() for time in times]
     for number, (line, row) in enumerate(rows):
@@ -272,12 +274,12 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
             raise FireModelError(
                 f"{path} line {line}: {name} = {row[name]} is not later than the previous record "
                 f"({rows[number - 1][1][name]}); sort the records and remove duplicates (local "
-                "times repeat an hour when clocks go back: give them a UTC offset)"
+                "times repeat an hour when clocks go back: add a UTC offset)"
             )
     if at_s[0] > 0.0 or at_s[-1] < 0.0:
         raise FireModelError(
-            f"{path}: its weather is from {name} = {rows[0][1][name]} to {rows[-1][1][name]}; the "
-            f"start {start or '0 s'} is outside; give another start or file"
+            f"{path}: its weather covers {name} = {rows[0][1][name]} to {rows[-1][1][name]}; the "
+            f"start {start or '0 s'} is outside this period; use another start or file"
         )
     return np.array(at_s)
 
@@ -292,7 +294,7 @@ def _check_moistures(
     """Raise FireModelError if moistures are missing or are given in two ways."""
     missing = [name for name in MOISTURES if name not in values]
     if missing and moisture is None:
-        raise FireModelError(f"{path}: has no column {missing[0]}; add it, or give the moisture")
+        raise FireModelError(f"{path}: has no column {missing[0]}; add it, or specify the moisture")
     if own and len(missing) < len(MOISTURES):
         raise FireModelError(
             f"{path}: has columns of moistures, which cannot be combined with moistures of single "

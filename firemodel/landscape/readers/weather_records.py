@@ -83,7 +83,7 @@ def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records
     else:
         rows = _raws_rows(path)
     if not rows:
-        raise FireModelError(f"{path}: contains no weather; give at least one record")
+        raise FireModelError(f"{path}: contains no weather; add at least one record")
     return Records(rows, start, moistures)
 
 
@@ -117,7 +117,7 @@ def _inputs_rows(inputs: Inputs, year: int) -> Rows:
     line, unit = wind_units
     if unit not in WIND_COLUMNS:
         raise FireModelError(
-            f"{inputs.path} line {line}: WIND_SPEED_UNITS = {unit}: give 0 (mph) or 1 (km/h)"
+            f"{inputs.path} line {line}: WIND_SPEED_UNITS = {unit}: must be 0 (mph) or 1 (km/h)"
         )
     record = {"at_s": "0", WIND_COLUMNS[unit]: speed[1], "wind_from_deg": direction[1]}
     return [(speed[0], record)]
@@ -147,8 +147,8 @@ def _csv_rows(path: Path) -> Rows:
             continue
         if len(texts) != len(names):
             raise FireModelError(
-                f"{path} line {lines.line_num}: {len(texts)} cells, but {len(names)} columns are "
-                "named; give each column one value"
+                f"{path} line {lines.line_num}: {len(texts)} values, but {len(names)} column "
+                "names; each column needs one value"
             )
         rows.append((lines.line_num, dict(zip(names, texts, strict=True))))
     if len(set(names)) < len(names):
@@ -170,7 +170,7 @@ def _raws_rows(path: Path) -> Rows:
     the file is incomplete.
     """
     if path.suffix.lower() not in (".raws", ".wxs"):
-        raise FireModelError(f"{path}: is not a known kind of weather file; give {KINDS}")
+        raise FireModelError(f"{path}: is not a known kind of weather file; use {KINDS}")
     units = ""
     rows: Rows = []
     counted, count = 0, ""  # the line with the count, and the count
@@ -181,7 +181,7 @@ def _raws_rows(path: Path) -> Rows:
             units = fields[-1].upper()
             if units not in COLUMNS:
                 raise FireModelError(
-                    f"{path} line {line}: RAWS_UNITS = {fields[-1]}; give English or Metric"
+                    f"{path} line {line}: RAWS_UNITS = {fields[-1]}: must be English or Metric"
                 )
         elif head[:1].isdigit():
             if not units:
@@ -239,7 +239,7 @@ def _times_in(path: Path, name: str, rows: Rows) -> list[datetime]:
 def raws_row(path: Path, line: int, fields: list[str], units: str) -> dict[str, str]:
     if len(fields) != 10:
         raise FireModelError(
-            f"{path} line {line}: {len(fields)} fields; give 10: year, month, day, time, "
+            f"{path} line {line}: {len(fields)} fields instead of 10: year, month, day, time, "
             "temperature, humidity, rain, wind speed, wind direction, cloud cover"
         )
     year, month, day, clock = (field.zfill(2) for field in fields[:4])

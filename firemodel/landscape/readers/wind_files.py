@@ -113,7 +113,7 @@ def read_wind(
     if first < 0:
         raise FireModelError(
             f"{pairs[0].one.path}: the first wind is at {at_s[0]:g} s, so the wind before it is "
-            "missing; give a wind at 0 s or earlier, or another start"
+            "missing; specify a wind at 0 s or earlier, or another start"
         )
     last = min(sum(time_s < until_s for time_s in at_s), len(at_s) - 1)
     used = range(first, max(last, first) + 1)
@@ -145,8 +145,8 @@ def _atm(files: WindFiles, starts: Sequence[datetime]) -> tuple[list[WindPair], 
     assert files.path is not None
     if files.unit or files.height or files.at_s:
         raise FireModelError(
-            f"{files.path}: an .atm file contains unit, height and times; leave out unit, height "
-            "and at_s"
+            f"{files.path}: an .atm file contains unit, height and times; remove `unit`, `height` "
+            "and `at_s`"
         )
     lines, unit, height = read_atm(files.path, starts[0].year if starts else YEAR)
     return [pair_of(speed, direction, at) for at, speed, direction in lines], unit, height
@@ -170,7 +170,7 @@ def read_atm(path: Path, year: int) -> tuple[list[tuple[datetime, Path, Path]], 
             continue
         if not 5 <= len(fields) <= 6:
             raise FireModelError(
-                f"{where}: {len(fields)} fields; give month, day, HHMM, the speed and the "
+                f"{where}: {len(fields)} fields; required are month, day, HHMM, the speed and the "
                 "direction grid, and optionally the cloud grid, with names without spaces"
             )
         if found and number(where, "month", fields[0], 1, 12) < found[-1][0].month:
@@ -178,7 +178,7 @@ def read_atm(path: Path, year: int) -> tuple[list[tuple[datetime, Path, Path]], 
         at = time_of(where, year, fields[:3])
         found.append((at, path.parent / fields[3], path.parent / fields[4]))
     if not found:
-        raise FireModelError(f"{path}: contains no wind; give at least one line")
+        raise FireModelError(f"{path}: contains no wind; add at least one line")
     return found, unit, height
 
 
@@ -188,11 +188,11 @@ def pair_of(speed: Path, direction: Path, time: Time) -> WindPair:
     for path, kind in ((speed, "speed"), (direction, "direction")):
         layers = wind_layers(path)
         if len(layers) != 1:
-            raise FireModelError(f"{path}: has {len(layers)} bands; give a file with one")
+            raise FireModelError(f"{path}: has {len(layers)} bands; use a file with one band")
         if layers[0].kind not in ("", kind):
             raise FireModelError(
-                f"{path}: contains wind {layers[0].kind}, but is given as {kind}; interchange the "
-                "files, or correct the name of the band"
+                f"{path}: contains wind {layers[0].kind}, but is specified as {kind}; interchange "
+                "the files, or correct the name of the band"
             )
         found.append(layers[0])
     return WindPair(found[0], found[1], time)
@@ -208,13 +208,13 @@ def pairs_in(path: Path) -> list[WindPair]:
         if [each.time for each in ones] != [each.time for each in others]:
             raise FireModelError(
                 f"{path}: has {len(ones)} bands of {kinds[0]} and {len(others)} of {kinds[1]}, or "
-                "their times differ; give both for each time"
+                "their times differ; each time needs both"
             )
         pairs = zip(ones, others, strict=True)
         return [WindPair(one, other, one.time) for one, other in pairs]
     raise FireModelError(
-        f"{path}: contains no bands of wind; name them speed and direction, or u and v (the "
-        "description of the band, in NetCDF the variable)"
+        f"{path}: contains no wind bands; name them speed and direction, or u and v (in the band "
+        "description; in NetCDF, as the variable)"
     )
 
 
@@ -223,10 +223,11 @@ def _timed(path: Path, pairs: list[WindPair], at_s: tuple[float, ...]) -> list[W
     if not at_s:
         return pairs
     if any(pair.time is not None for pair in pairs):
-        raise FireModelError(f"{path}: contains times; leave out at_s")
+        raise FireModelError(f"{path}: contains times; remove at_s")
     if len(at_s) != len(pairs):
         raise FireModelError(
-            f"{path}: has {len(pairs)} winds, at_s {len(at_s)} times; give a time for each wind"
+            f"{path}: has {len(pairs)} winds, but at_s has {len(at_s)} times; specify one time "
+            "for each wind"
         )
     return [pair._replace(time=time_s) for pair, time_s in zip(pairs, at_s, strict=True)]
 
@@ -241,14 +242,14 @@ def _seconds(pairs: Sequence[WindPair], starts: Sequence[datetime]) -> list[floa
         time = pair.time
         if time is None:
             raise FireModelError(
-                f"{pair.one.label}: has no time; give it after the name of the band, or give at_s"
+                f"{pair.one.label}: has no time; add it after the name of the band, or specify at_s"
             )
         if isinstance(time, datetime):
             assert start is not None  # because there are calendar times
             if (time.tzinfo is None) != (start.tzinfo is None):
                 raise FireModelError(
                     f"{pair.one.path}: time {time.isoformat()} and start {start.isoformat()}: one "
-                    "has a UTC offset, the other has none; give it to both or to neither"
+                    "has a UTC offset, the other has none; add one to both or to neither"
                 )
             time = (time - start).total_seconds()
         found.append(time)
@@ -256,7 +257,7 @@ def _seconds(pairs: Sequence[WindPair], starts: Sequence[datetime]) -> list[floa
         if not after_s > before_s:
             raise FireModelError(
                 f"{pair.one.label}: its time, {after_s:g} s, is not later than the previous, "
-                f"{before_s:g} s; sort the winds by time, and give one height"
+                f"{before_s:g} s; sort the winds by time, and use only one height"
             )
     return found
 
@@ -296,7 +297,7 @@ def scale_of(layer: WindLayer, files: WindFiles) -> tuple[Unit, Height]:
         raise FireModelError(f"{layer.label}: its height is {layer.height}, not {height}")
     height = layer.height or height  # type: ignore[assignment]
     if unit is None:
-        raise FireModelError(f"{layer.label}: has no unit; give the unit: m_s, mph, kmh or kts")
+        raise FireModelError(f"{layer.label}: has no unit; specify m_s, mph, kmh or kts")
     if height is None:
-        raise FireModelError(f'{layer.label}: give the height of the wind: "20ft" or "10m"')
+        raise FireModelError(f'{layer.label}: has no height; specify "20ft" or "10m"')
     return unit, height

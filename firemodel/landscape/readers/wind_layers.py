@@ -179,8 +179,8 @@ def time_in(where: str, text: str) -> float | datetime:
         return datetime.fromisoformat(text.strip())
     except ValueError:
         raise FireModelError(
-            f"{where}: {text[:60]!r} is not a time; give seconds after mission time 0, or a time "
-            "as in 2026-08-01T12:00:00Z"
+            f"{where}: {text[:60]!r} is not a time; specify seconds after mission time 0, or a "
+            "time as in 2026-08-01T12:00:00Z"
         ) from None
 
 

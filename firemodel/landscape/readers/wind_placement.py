@@ -85,7 +85,7 @@ def vectors_at(
     """
     if (one.shape, one.transform, one.crs) != (other.shape, other.transform, other.crs):
         raise FireModelError(
-            f"{other.label}: differs from {one.label} in shape, place or CRS; resample both to "
+            f"{other.label}: differs from {one.label} in shape, position or CRS; resample both to "
             "one grid"
         )
     wind = _components(one, other, scale)
@@ -111,21 +111,21 @@ def _crs_of(layer: WindLayer, given: str | None) -> str:
             CRS.from_user_input(text) if text else None
         except CRSError:
             raise FireModelError(
-                f"{layer.path}: CRS {str(text)[:60]!r} is unknown; give one as EPSG:32611"
+                f"{layer.path}: CRS {str(text)[:60]!r} is unknown; specify it as in EPSG:32611"
             ) from None
     if layer.crs is None and given is None:
         raise FireModelError(
             f"{layer.path}: has no CRS; add it to the file (an .asc grid has it in a .prj file of "
-            "the same name), or give the crs"
+            "the same name), or specify it as `crs`"
         )
     if layer.crs is not None and given is not None and not same_crs(layer.crs, given):
         raise FireModelError(
-            f"{layer.path}: CRS {crs_label(layer.crs)} differs from {crs_label(given)}, given as "
-            "crs; leave crs out, or correct the CRS in the file"
+            f"{layer.path}: CRS {crs_label(layer.crs)} differs from {crs_label(given)}, specified "
+            "as `crs`; omit `crs`, or correct the CRS in the file"
         )
     if layer.transform.b or layer.transform.d or layer.transform.is_identity:
         raise FireModelError(
-            f"{layer.path}: is not a north-up grid with a position; warp it to an unrotated grid"
+            f"{layer.path}: is not a georeferenced north-up grid; warp it to an unrotated grid"
         )
     return str(layer.crs or given)
 
@@ -184,7 +184,7 @@ def _positions(landscape: Landscape, grid: WindGrid, path: Path) -> tuple[Floats
     if not inside.all():
         raise FireModelError(
             f"{path}: covers {np.count_nonzero(inside):,} of {inside.size:,} cells of the "
-            "landscape; give grids that cover the landscape, or correct the CRS"
+            "landscape; use grids that cover the landscape, or correct the CRS"
         )
     return found_row, found_col
 

@@ -43,7 +43,7 @@ def man(out: Path) -> None:
     root = click.get_current_context().find_root().command
     whole = _with_all_commands(root, click.Context(root, info_name=PROGRAM))
     write_man_pages(PROGRAM, whole, version=__version__, target_dir=output_folder(out))
-    click.echo(f"{len(list(out.glob(f'{PROGRAM}*.1')))} manual pages in {out}/")
+    click.echo(f"Wrote {len(list(out.glob(f'{PROGRAM}*.1')))} manual pages to {out}/")
 
 
 @click.command("schema")

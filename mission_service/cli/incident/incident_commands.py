@@ -35,7 +35,9 @@ def _numbers(count: int, form: str) -> Callable[[str], tuple[float, ...]]:
 
 PLACE = _numbers(2, "LAT,LON in degrees, as in 36.35,-84.16")
 WIND = _numbers(2, "SPEED,FROM in m/s and degrees, as in 5,270")
-MOISTURES = _numbers(5, "the moistures of 1 h, 10 h, 100 h, herbs and wood in percent")
+MOISTURES = _numbers(
+    5, "the moistures of 1-h, 10-h, 100-h, live herbaceous and live woody fuel in percent"
+)
 
 
 def aircraft_of(text: str) -> Any:
@@ -195,7 +197,7 @@ def created_by_form(file: Path, options: list[str]) -> dict[str, Any]:
 
 def _refuse_existing(file: Path) -> None:
     if file.exists():
-        raise MissionServiceError(f"{file}: exists; give another name")
+        raise MissionServiceError(f"{file}: already exists; choose another name")
 
 
 def _created(file: Path, given: dict[str, Any], asks: bool) -> dict[str, Any]:
@@ -252,7 +254,7 @@ def _incident(file: Path, given: dict[str, Any], asks: bool) -> Any:
             "Area as WEST,SOUTH,EAST,NORTH", bounding_box, "--box, --landscape or --layer", asks
         )
     if box is not None and not all(MIN_CELLS <= each <= MAX_CELLS for each in grid_of(box)):
-        raise click.UsageError("--box: give an area of 600 m to 120 km along each side")
+        raise click.UsageError("--box: each side of the area must be 600 m to 120 km long")
     wind, ignitions = given["wind"], given["ignitions"]
     if wind is None and given["weather"] is None:
         wind = _asked("Wind as SPEED,FROM (m/s, degrees)", WIND, "--wind or --weather", asks)
@@ -286,7 +288,7 @@ def _incident(file: Path, given: dict[str, Any], asks: bool) -> Any:
 def _refuse_several(*options: tuple[str, object]) -> None:
     found = [name for name, value in options if value]
     if len(found) > 1:
-        raise click.UsageError(f"give only one of {' and '.join(found)}")
+        raise click.UsageError(f"specify only one of {' and '.join(found)}")
 
 
 def is_terminal() -> bool:
@@ -297,6 +299,6 @@ def is_terminal() -> bool:
 def _asked(question: str, read: Callable[[str], Value], options: str, asks: bool) -> Value:
     """Ask on a terminal until the answer is valid; elsewhere, name the missing options."""
     if not asks:
-        raise click.UsageError(f"give {options}")
+        raise click.UsageError(f"specify {options}")
     found: Value = click.prompt(question, value_proc=read, err=True)
     return found

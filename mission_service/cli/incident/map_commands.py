@@ -13,9 +13,9 @@ def bounding_box(text: str) -> tuple[float, float, float, float]:
     try:
         west, south, east, north = (float(part) for part in text.split(","))
     except ValueError:
-        raise click.BadParameter(f"{text}: give WEST,SOUTH,EAST,NORTH in degrees") from None
+        raise click.BadParameter(f"{text}: specify WEST,SOUTH,EAST,NORTH in degrees") from None
     if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
-        raise click.BadParameter(f"{text}: west must be less than east, and south than north")
+        raise click.BadParameter(f"{text}: west must be less than east, and south less than north")
     return west, south, east, north
 
 
@@ -67,7 +67,7 @@ def pack_command(
     for path in sources:
         target = made / f"{path.stem}.pmtiles"
         if target.exists() and target.samefile(path):
-            raise MissionServiceError(f"{path}: is in the folder --out; give another folder")
+            raise MissionServiceError(f"{path}: is in the folder of --out; choose another folder")
         if target.name in written:
             raise MissionServiceError(
                 f"{path}: another source has the name {path.stem}; rename one"

@@ -88,7 +88,8 @@ def scenario_text(incident: NewIncident) -> str:
     ]
     if incident.is_simulated:
         parts.append(
-            "[simulation.fire]  # cameras observe a simulated fire; omit it for a real one\n"
+            "[simulation.fire]  # cameras observe a simulated fire; omit this table for a real "
+            "fire\n"
         )
     for lat_deg, lon_deg in incident.ignitions:
         parts.append(_table("[ignition]", {"lat_deg": lat_deg, "lon_deg": lon_deg}))

@@ -91,7 +91,7 @@ class AirspaceClearing:
             case events.ClearingCancelled() if not in_force:
                 return "the airspace is not being cleared"
             case events.ClearingOrdered() if event.volume and in_force and self.state.lands:
-                return "all vehicles are landing already: cancel this first"
+                return "all vehicles are already landing: cancel this first"
             case events.ClearingOrdered() if event.volume and not event.corners:
                 return "" if self._volume(event.volume, event.at_us / 1e6) else _unknown(event)
             case (
@@ -376,7 +376,7 @@ class AirspaceClearing:
             return f"not cleared: {progress.why}; use the radio"
         if progress.out_by_s is not None and at_s > progress.out_by_s:
             where = "on the ground" if self.state.lands else f"out of {self.state.volume!r}"
-            return f"is late: it should be {where} since {_clock(progress.out_by_s)}"
+            return f"is late: it should have been {where} by {_clock(progress.out_by_s)}"
         return ""
 
     def _alarmed(
@@ -399,7 +399,7 @@ class AirspaceClearing:
 
     def _end(self, outcome: ClearingOutcome, why: str) -> list[AnyCommand]:
         self.state.outcome = outcome
-        ended = "the airspace is clear" if outcome == "complete" else "clearing the airspace ended"
+        ended = "the airspace is clear" if outcome == "complete" else "airspace clearing ended"
         return [*self._lower_alarms(), *self._announced(f"{ended}: {why}"), *self._show()]
 
     def _announced(self, words: str) -> list[AnyCommand]:
@@ -465,7 +465,7 @@ def _closing(event: events.ClearingOrdered) -> events.AirspaceClosed:
 
 
 def _unknown(event: events.ClearingOrdered) -> str:
-    return f"no volume {event.volume!r} is closed now: close it first, or give its corners"
+    return f"no closed volume {event.volume!r}: close it first, or specify its corners"
 
 
 def _us(at_s: float | None) -> int | None:

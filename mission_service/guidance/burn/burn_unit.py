@@ -155,18 +155,18 @@ def check_unit(unit: BurnUnit, home_m: tuple[float, float] | None = None) -> Non
         if home_m is not None and not unit.fence.covers(shapely.Point(home_m)):
             away_m = unit.fence.distance(shapely.Point(home_m))
             raise MissionServiceError(
-                f"burn: home is {away_m:.0f} m outside the fence; draw the fence around home, or "
-                "start inside it"
+                f"burn: home is {away_m:.0f} m outside the fence; extend the fence to include "
+                "home, or move home inside it"
             )
         if not only_areas(unit.area.intersection(unit.fence)).area > 0.0:
             raise MissionServiceError(
-                "burn: no part of the unit is inside the fence; draw the fence around the unit"
+                "burn: no part of the unit is inside the fence; extend the fence to the unit"
             )
     if unit.droppable.is_empty:
         raise MissionServiceError(
-            f"burn: no part of the unit ({unit.area.area / 1e4:.2f} ha) is left to drop on: "
-            f"edge_m = {unit.edge_m:g}, no-drop areas, people and fence exclude all of it; make "
-            "the unit larger, or make them smaller"
+            f"burn: no part of the unit ({unit.area.area / 1e4:.2f} ha) is available for drops: "
+            f"edge_m = {unit.edge_m:g}, no-drop areas, people and the fence exclude all of it; "
+            "enlarge the unit, or reduce the exclusions"
         )
 
 
@@ -182,7 +182,7 @@ def _polygon(name: str, corners: Corners, landscape: Landscape) -> BaseGeometry:
             f"{places[corner, 1]:.5f}) is outside the landscape; correct it (lat first, then lon)"
         )
     if len(places) < 3:
-        raise MissionServiceError(f"burn: {name}: has {len(places)} corners; give at least 3")
+        raise MissionServiceError(f"burn: {name}: has {len(places)} corners; specify at least 3")
     return _checked(f"burn: {name}", shapely.Polygon(xy_m), landscape)
 
 
@@ -204,15 +204,15 @@ def _checked(where: str, area: BaseGeometry, landscape: Landscape) -> BaseGeomet
         reason, _, place = shapely.is_valid_reason(area).rstrip("]").partition("[")
         lat, lon = landscape.lat_lon_of(*map(float, place.split()[:2]))
         raise MissionServiceError(
-            f"{where}: {reason} at lat {lat:.5f}, lon {lon:.5f}; give "
-            "its corners in their order along the boundary, so that no two sides cross"
+            f"{where}: {reason} at lat {lat:.5f}, lon {lon:.5f}; list "
+            "its corners in order along the boundary, so that no two sides cross"
         )
     if not area.area >= MIN_AREA_M2:
         raise MissionServiceError(
-            f"{where}: has no area; give at least three corners that are not in a line"
+            f"{where}: has no area; specify at least three corners that are not on one line"
         )
     if not box_of(landscape).covers(area):
         raise MissionServiceError(
-            f"{where}: reaches beyond the landscape; make it smaller, or use a larger landscape"
+            f"{where}: extends beyond the landscape; make it smaller, or use a larger landscape"
         )
     return area

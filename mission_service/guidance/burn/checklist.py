@@ -42,7 +42,7 @@ class Checklist:
             case Aborted():
                 return self.clear(f"abort by {event.by}")
             case ClearingOrdered():
-                return self.clear(f"the airspace is cleared by {event.by}")
+                return self.clear(f"airspace clearing ordered by {event.by}")
             case Resumed():
                 return self.clear("the service was restarted")
         return None

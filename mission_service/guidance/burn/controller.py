@@ -151,7 +151,7 @@ class BurnFlight(Guidance):
             case Rejected() if event.plan_hash == self.approvals.plan_hash:
                 return self._stop(f"rejected by {event.by}", "waiting")
             case Rejected():
-                words = f"{REJECTED} no such plan is proposed; load the state of the burn again"
+                words = f"{REJECTED} this plan is not proposed; reload the state of the burn"
                 return self._announce(words, warning=True)
             case Aborted() | ClearingOrdered():
                 return self._aborted(event)
@@ -166,8 +166,8 @@ class BurnFlight(Guidance):
         self.checklist.apply(event)
         why = f"aborted by {event.by}"
         if isinstance(event, ClearingOrdered):
-            why = f"the airspace is cleared by {event.by}"
-        words = f"{why}: no further drop; the next line requires a request for a plan"
+            why = f"airspace clearing ordered by {event.by}"
+        words = f"{why}: no further drops; request a plan for the next line"
         return [
             *self._announce(words, warning=True),
             *self._stop(why, "waiting", always=True),
@@ -287,7 +287,7 @@ class BurnFlight(Guidance):
 
     def _plan_requested(self, event: PlanRequested) -> list[AnyCommand]:
         if self.phase in ("flying", "approved", "climbing"):
-            words = f"{REJECTED} a line is being flown; the next plan follows after its end"
+            words = f"{REJECTED} a line is being flown; the next plan follows when it has ended"
             return self._announce(words, warning=True)
         refused = self.state.set_spacings(event)
         if refused is not None:
@@ -298,7 +298,9 @@ class BurnFlight(Guidance):
 
     def _approved(self, event: Approved) -> list[AnyCommand]:
         items = self.checklist.open_items
-        refused = self.approvals.approve(event) if not items else f"{len(items)} items are open"
+        refused = (
+            self.approvals.approve(event) if not items else f"{len(items)} checklist items are open"
+        )
         plan = self.approvals.plan
         if refused is not None or plan is None:
             words = self._announce(f"{REJECTED} approval by {event.by}: {refused}", warning=True)

@@ -40,7 +40,8 @@ def target_problem(burn: BurnSection, plan: IgnitionPlan, drop: Drop, fix: Telem
     away_m = distance_m(place, (fix.lat_deg, fix.lon_deg))
     max_m = reach_m(burn, plan)
     if not away_m <= max_m:
-        return f"{drop.vehicle} is {away_m:.0f} m off drop {drop.number} (max {max_m:.0f} m)"
+        target = f"the target of drop {drop.number}"
+        return f"{drop.vehicle} is {away_m:.0f} m from {target} (max {max_m:.0f} m)"
     miss_m = distance_m(place, (drop.lat_deg, drop.lon_deg))
     if not miss_m <= burn.max_miss_m:
         return f"drop {drop.number} would fall {miss_m:.1f} m off its target"

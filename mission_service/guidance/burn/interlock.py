@@ -170,7 +170,7 @@ class Interlock:
                 self._end(event.plan_hash, f"it was rejected by {event.by}")
             case Aborted() | ClearingOrdered():
                 cleared = isinstance(event, ClearingOrdered)
-                what = "the airspace is cleared" if cleared else "the burn was aborted"
+                what = "airspace clearing was ordered" if cleared else "the burn was aborted"
                 self._restart(f"{what} by {event.by}")
             case Resumed():
                 self._restart("the service was restarted")
@@ -238,9 +238,9 @@ class Interlock:
             return
         entry.approved = None
         if event.station not in self._stations:
-            entry.why_not = f'approved from "{event.station}", which is not a station for approvals'
+            entry.why_not = f'approved from "{event.station}", which is not an approval station'
         elif not event.by.strip() or event.by == "service":
-            entry.why_not = "its approval contains no name of an operator"
+            entry.why_not = "its approval does not name an operator"
         elif self.open_items:
             entry.why_not = "approved before the GO/NO-GO checklist was complete; approve again"
         else:
@@ -328,7 +328,7 @@ class Interlock:
     def _plan_refuses(self, name: str, entry: _Plan, drop: Drop, at_us: int) -> str | None:
         plan = entry.plan
         if plan_hash(plan) != drop.plan_hash:
-            return f"{name} does not have the hash of its drop"
+            return f"{name} does not match the hash in the drop"
         if plan.vehicle != drop.vehicle:
             return f"{name} is for {plan.vehicle}, not for {drop.vehicle}"
         if entry.approved is None:
@@ -339,7 +339,7 @@ class Interlock:
         if all(planned.number != drop.number for planned in plan.drops):
             return f"{name} has no drop {drop.number}"
         if drop.number in self._ordered.get(drop.plan_hash, ()):
-            return f"{name}: drop {drop.number} was ordered before"
+            return f"{name}: drop {drop.number} was already ordered"
         return None
 
     def _crew_refuses(self, name: str, entry: _Plan, at_us: int) -> str | None:
@@ -350,13 +350,13 @@ class Interlock:
             return f"{name}: its approval is older than {burn.approval_s:g} s"
         if self.open_items:
             count, first = len(self.open_items), self.open_items[0]
-            return f"GO/NO-GO checklist: {count} items open, the first: {first}"
+            return f"GO/NO-GO checklist: {count} items open; the first is: {first}"
         absent_us = max(at_us - entry.attended_us, self._elapsed_us(entry.attended_host_us))
         if absent_us > burn.approver_timeout_s * 1e6:
             since = (
                 f"for {absent_us / 1e6:.0f} s" if math.isfinite(absent_us) else "since a restart"
             )
-            return f"no input of an approver at {approved.station} {since}"
+            return f"no input from an approver at {approved.station} {since}"
         return None
 
     def _elapsed_us(self, since_us: int | None) -> float:
@@ -369,7 +369,7 @@ class Interlock:
         if not vehicle.linked:
             return f"{name}: link lost"
         if vehicle.fix is None or abs(at_us - vehicle.fix.at_us) > POSITION_GOOD_US:
-            return f"{name}: no position of the last {POSITION_GOOD_US / 1e6:g} s"
+            return f"{name}: no position in the last {POSITION_GOOD_US / 1e6:g} s"
         if not vehicle.fix_good:
             return f"{name}: no good position fix"
         if battery_pct is None or not battery_pct >= self._burn.min_battery_pct:

@@ -82,7 +82,7 @@ class ApprovalTracker:
         """Apply an approval; return why it is rejected, or None if it is accepted."""
         if event.station not in self._stations:
             stations = ", ".join(sorted(self._stations))
-            return f"{event.station!r} is not a station for approvals ({stations})"
+            return f"{event.station!r} is not an approval station ({stations})"
         if self.plan is None:
             return "no plan is proposed"
         if event.plan_hash != self.plan_hash:

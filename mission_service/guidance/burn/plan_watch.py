@@ -42,4 +42,4 @@ def invalid_reason(
     danger_s = first_danger_s(path, state.air(vehicle, fix, at_s), state.fire.held)
     if danger_s is None:
         return None
-    return f"fire would be too near to the path in {max(danger_s - at_s, 0.0):.0f} s"
+    return f"the fire will be too close to the path in {max(danger_s - at_s, 0.0):.0f} s"

@@ -114,7 +114,7 @@ class FormationFlight(Guidance):
         A change of settings is refused.
         """
         if isinstance(event, SettingsChanged):
-            words = f"{REJECTED} the rule formation has no such settings: no setting was changed"
+            words = f"{REJECTED} the rule formation does not have these settings: none was changed"
             return [Announce(self.scenario.flown[0].name, words, "warning")]
         if isinstance(event, Resumed):
             for state in self._states.values():
@@ -333,7 +333,7 @@ class FormationFlight(Guidance):
             slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
             state.goes_home_until_s = fix.at_s + away_m / slow_m_s
             self.formation.members[vehicle.name].agent.go_home(*vehicle.home_m)
-            words = "flight time is nearly over: guided home"
+            words = "flight time is nearly used up: guided home"
             return [announce(vehicle, words), *self.lead(vehicle, fix)]
         return self.lead(vehicle, fix) if fix.at_s < state.goes_home_until_s else None
 

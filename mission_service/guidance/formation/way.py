@@ -8,11 +8,11 @@ def _check(scenario: Scenario) -> None:
     """Raise ValueError unless all vehicles can fly in a formation."""
     for vehicle in scenario.vehicles:
         if vehicle.kind != "plane":
-            raise ValueError(f'{vehicle.name}: rule = "formation" is for planes, not a copter')
+            raise ValueError(f'{vehicle.name}: rule = "formation" is for planes, not for a copter')
         if vehicle.backend != "native":
             raise ValueError(
-                f'{vehicle.name}: rule = "formation" needs backend = "native"; through MAVSDK '
-                "vehicles fly missions only, no orbits"
+                f'{vehicle.name}: rule = "formation" needs backend = "native"; with MAVSDK, '
+                "vehicles fly only missions and no orbits"
             )
 
 

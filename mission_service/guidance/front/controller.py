@@ -95,7 +95,7 @@ class FrontFlight(Guidance):
                 commands.append(Announce(name, words))
             else:
                 rule = self.scenario.planner.rule
-                words = f"{REJECTED} the rule {rule} has no such settings: no setting was changed"
+                words = f"{REJECTED} the rule {rule} does not have these settings: none was changed"
                 commands.append(Announce(name, words, "warning"))
         return commands
 
@@ -220,7 +220,7 @@ class FrontFlight(Guidance):
     def _path(self, planner: Planner, row: float, col: float) -> Floats | None:
         cells = np.asarray(planner.path(row, col), dtype=float)
         if not np.isfinite(cells).all():
-            raise ValueError("the planner's path has a value that is not finite")
+            raise ValueError("the planner's path contains a value that is not finite")
         if len(cells) < 2:
             return None
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))

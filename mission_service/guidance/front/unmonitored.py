@@ -110,7 +110,7 @@ class FrontMonitor:
         part = describe_sector(fire, self._left(name, fire, availability), self._cell_m)
         if self._watching:
             left = ", ".join(sorted(self._watching))
-            words = f"no longer monitors {part}, which {left} must monitor"
+            words = f"no longer monitors {part}; {left} must monitor it"
             return [Announce(name, words, "warning")]
         self._alarm = RaiseAlarm(name, ALARM, f"no vehicle monitors {part}", "severe")
         return [self._alarm]

@@ -254,7 +254,7 @@ def _serve_page(app: FastAPI, page: Path) -> None:
 
         async def file_or_no_route(scope: Scope, receive: Receive, send: Send) -> None:
             if scope["path"].startswith(V1.rpartition("/")[0]):
-                raise HTTPException(404, f"no such route; {V1}/openapi.json lists all")
+                raise HTTPException(404, f"no such route; {V1}/openapi.json lists all routes")
             await files(scope, receive, send)
 
         app.router.default = file_or_no_route

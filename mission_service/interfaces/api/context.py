@@ -74,7 +74,7 @@ class ApiContext:
         body = await json_body(request)
         for key in ("do", *named):
             if key in body:
-                raise ApiError(422, f"{do}: unknown key {key}: its value is in the path")
+                raise ApiError(422, f"{do}: unknown key {key!r}: the path contains its value")
         return answer(await self.handle(request.state.user, {**body, **named, "do": do}))
 
     def abort(self, user: User, query_string: bytes) -> dict[str, Any]:

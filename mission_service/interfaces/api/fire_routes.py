@@ -61,7 +61,7 @@ def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
     ) -> float | None:
         """Return the mission time in the query, if any."""
         if sum(each is not None for each in (at_s, in_s, in_min)) > 1:
-            raise ApiError(422, "give only one of at_s, in_s and in_min")
+            raise ApiError(422, "specify only one of at_s, in_s and in_min")
         if in_min is not None:
             in_s = 60.0 * in_min
         return at_s if in_s is None else now_s() + in_s
@@ -232,7 +232,7 @@ def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
                 replies.append(await api.handle(request.state.user, each))
             except ApiError as error:
                 number = f"outline {len(replies) + 1} of {len(found.corrections)}"
-                text = f"{number}: {error}; the outlines before it were applied"
+                text = f"{number}: {error}; the previous outlines were applied"
                 raise ApiError(error.status, text if replies else str(error)) from None
             await asyncio.sleep(0)  # other tasks run between two requests
         return answer({"perimeter": found.perimeter, "accepted": replies})
@@ -254,7 +254,7 @@ async def _previewed(
 ) -> Response:
     """Return the burned area before and after corrections. Raises ApiError."""
     if not all(each.get("do") in PREVIEWED for each in corrections):
-        raise ApiError(422, f"preview: do is one of {', '.join(PREVIEWED)}")
+        raise ApiError(422, f'preview: "do" must be one of {", ".join(PREVIEWED)}')
     reports = [api.event_of(request.state.user, each) for each in corrections]
     land, at_s = api.context.landscape, api.context.clock.now_us / 1e6
     try:

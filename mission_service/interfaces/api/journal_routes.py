@@ -100,13 +100,11 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         if time_zero is None and api.context.scenario.time_zero is None:
             raise ApiError(
                 422,
-                "the scenario has no time_zero; give time_zero, the calendar time of mission time "
-                "0 with its UTC offset, such as 2026-08-01T14:00-06:00",
+                "the scenario has no time_zero; add the query parameter time_zero, the calendar "
+                "time of mission time 0 with its UTC offset, such as 2026-08-01T14:00-06:00",
             )
         if making.locked():
-            raise ApiError(
-                503, "another request for the products is in progress; repeat this one later"
-            )
+            raise ApiError(503, "another request for the products is in progress; try again later")
         job = ProductsJob(str(api.context.journal_path), 3600.0 * forecast_h, time_zero)
         async with making:
             content = await _made_in_process(job)
@@ -157,7 +155,7 @@ async def _made_in_process(job: ProductsJob) -> bytes:
     try:
         code, output, errors = await worker_output(WORKER, data, MADE_WITHIN_S, subprocess.PIPE)
     except TimeoutError:
-        text = f"the products take more than {MADE_WITHIN_S:g} s; give forecast_h=0"
+        text = f"making the products takes more than {MADE_WITHIN_S:g} s; set forecast_h=0"
         raise ApiError(422, text) from None
     if code != 0:
         lines = errors.decode("utf-8", "replace").strip().splitlines()

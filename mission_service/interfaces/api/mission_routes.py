@@ -93,7 +93,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         api.vehicle(name)
         on_board = api.context.state_view.missions[name].on_board
         if on_board is None:
-            raise ApiError(404, f"{name}: the mission on board was not read back yet")
+            raise ApiError(404, f"{name}: the mission on board has not been read back yet")
         content = await api.run_in_thread(partial(plan_file, items_of(on_board), api.context, name))
         headers = {"content-disposition": f'attachment; filename="{name}.plan"'}
         return Response(content, headers=headers, media_type="application/json")

@@ -79,11 +79,11 @@ async def refuse_unknown_query(request: Request) -> None:
     names = list(fields)
     for name in request.query_params:
         if name not in names:
-            known = f"the route has {', '.join(names)}" if names else "the route has none"
+            known = f"the parameters are {', '.join(names)}" if names else "the route has none"
             raise ApiError(422, f"unknown query parameter {name[:40]!r}; {known}")
         many = get_origin(fields[name].field_info.annotation) in (list, tuple)
         if not many and len(request.query_params.getlist(name)) > 1:
-            raise ApiError(422, f"query parameter {name!r} is given more than once; give it once")
+            raise ApiError(422, f"query parameter {name!r} appears more than once; specify it once")
 
 
 def route(

@@ -101,7 +101,7 @@ def tls_of(section: HttpSection) -> ssl.SSLContext | None:
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
         raise MissionServiceError(
-            f"TLS with {certificate} and {key}: {why}; they must be PEM, and belong together"
+            f"TLS with {certificate} and {key}: {why}; both must be PEM, and the key must match"
         ) from None
     return context
 

@@ -54,5 +54,5 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         found = importance_of(api.context, api.vehicle(name))
         if found is None:
             rule = api.context.scenario.planner.rule
-            raise ApiError(404, f"{name}: no importance yet, or the rule {rule} has none")
+            raise ApiError(404, f"{name}: no importance values yet, or the rule {rule} has none")
         return answer(found)

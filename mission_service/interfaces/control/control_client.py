@@ -54,12 +54,12 @@ class ControlClient:
 def _why(error: OSError) -> str:
     match error:
         case FileNotFoundError():
-            return "no run has this folder; start mission-service run with this --out"
+            return "no run uses this folder; start mission-service run with this --out"
         case ConnectionRefusedError():
-            return "the run of this folder was killed; start it again to resume it"
+            return "the run in this folder was killed; start it again to resume it"
         case PermissionError():
             return "no permission: only the user that runs the service may control it"
         case TimeoutError():
-            return f"the run does not reply within {ANSWER_WITHIN_S:g} s"
+            return f"the run did not reply within {ANSWER_WITHIN_S:g} s"
         case _:
             return str(error.strerror or error)

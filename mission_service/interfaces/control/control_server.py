@@ -85,7 +85,9 @@ def _clear(path: Path) -> None:
             return
         except OSError as error:
             raise ControlError(f"{path}: cannot be checked: {error.strerror}") from None
-    raise ControlError(f"{path}: another run uses this socket; stop it, or choose another --out")
+    raise ControlError(
+        f"{path}: another run uses this socket; stop that run, or choose another --out"
+    )
 
 
 async def serve_control(listening: socket.socket, request_handler: RequestHandler) -> None:
@@ -204,7 +206,7 @@ class _Client(asyncio.Protocol):
         elif _is_abort(line):
             self._queued.append(self._answer(line))
         elif self.late:
-            text = f"{MAX_CLIENTS} clients are connected, the limit; only an abort is accepted"
+            text = f"{MAX_CLIENTS} clients are connected (the limit); only an abort is accepted"
             self._queued.append(wrong(text))
         else:
             self._queued.append(line)

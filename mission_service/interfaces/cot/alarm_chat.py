@@ -26,7 +26,7 @@ class _Message(NamedTuple):
     @property
     def line(self) -> str:
         """The text of the message."""
-        return f"{'End of the alarm:' if self.is_end else 'ALARM'} {self.alarm.text}"
+        return f"{'Alarm cleared:' if self.is_end else 'ALARM'} {self.alarm.text}"
 
 
 class AlarmChat:

@@ -51,7 +51,7 @@ def vehicle_event(fix: TelemetryState, kind: str, site: str, unix_us: int, stale
     ElementTree.SubElement(
         detail, "track", course=f"{fix.track_deg:.1f}", speed=f"{fix.ground_speed_m_s:.2f}"
     )
-    heights = f"{fix.altitude_amsl_m:.0f} m above the sea"
+    heights = f"{fix.altitude_amsl_m:.0f} m above sea level"
     if fix.height_agl_m is not None:
         heights += f", {fix.height_agl_m:.0f} m above ground"
     ElementTree.SubElement(detail, "remarks").text = heights
@@ -65,7 +65,9 @@ def fire_events(front: dict[str, Any], site: str, unix_us: int, stale_us: int) -
     simplified.
     """
     areas = _largest_first(front)
-    remarks = f"{front['properties']['area_ha']:.1f} ha burned in {len(areas)} areas, by the model"
+    remarks = (
+        f"{front['properties']['area_ha']:.1f} ha burned in {len(areas)} areas, from the model"
+    )
     for number, area in enumerate(areas[:MAX_AREAS], start=1):
         line = CotLine(f"fire.{number}", f"Fire {number}", area.exterior, RED, FAINT_RED, remarks)
         yield _line_event(line, site, unix_us, stale_us)

@@ -53,8 +53,8 @@ def read_data_package(path: Path, password: str | None, key_password: bytes) -> 
         return DataPackage(scheme, host, port, "", b"")
     if preferences.get("useAuth0") == "true" or "certificateLocation" not in preferences:
         raise MissionServiceError(
-            f"{path}: the package contains no certificate of a client, and requests by user name "
-            "and password are not supported: ask the server's administrator for a package with one"
+            f"{path}: the package contains no client certificate, and requesting one by user name "
+            "and password is not supported: ask the server's administrator for a package with one"
         )
     trusted = _certificate_file(files, preferences, "ca", password, path)
     own = _certificate_file(files, preferences, "client", password, path)
@@ -85,7 +85,7 @@ def _unpacked(path: Path) -> dict[str, bytes]:
                     )
                 found.setdefault(_name(member.filename), data)
     except OSError as error:
-        raise MissionServiceError(f"{path}: is not readable: {error.strerror or error}") from None
+        raise MissionServiceError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (
         *(zipfile.BadZipFile, NotImplementedError, RuntimeError, zlib.error, lzma.LZMAError),
         *(EOFError, ValueError),
@@ -104,7 +104,7 @@ def _preferences(files: dict[str, bytes], path: Path) -> dict[str, str]:
     names = sorted(name for name in files if name.endswith(".pref"))
     if not names:
         raise MissionServiceError(
-            f"{path}: contains no .pref file: it is not a data package with a connection"
+            f"{path}: contains no .pref file: it is not a data package for a connection"
         )
     found: dict[str, str] = {}
     for name in names:
@@ -141,9 +141,9 @@ def _certificate_file(
     location = "caLocation" if kind == "ca" else "certificateLocation"
     name = _name(preferences.get(location, ""))
     if not name:
-        raise _damaged(path, f"{location} is missing in its .pref file")
+        raise _damaged(path, f"{location} is missing from its .pref file")
     if name not in files:
-        raise _damaged(path, f"{name}, the file of {location}, is missing")
+        raise _damaged(path, f"{name}, the file named by {location}, is missing")
     secret = preferences.get(f"{kind}Password", "") if password is None else password
     return name, files[name], secret.encode()
 
@@ -170,7 +170,7 @@ def _client_certificate(
 
     key, certificate, others = _pkcs12(name, data, password, path)
     if key is None or certificate is None:
-        raise _damaged(path, f"{name} contains no certificate with its key")
+        raise _damaged(path, f"{name} contains no certificate with a key")
     encryption = BestAvailableEncryption(key_password)
     parts = [key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, encryption)]
     parts += [each.public_bytes(Encoding.PEM) for each in (certificate, *others)]
@@ -196,11 +196,11 @@ def _pkcs12(
 def _xml(files: dict[str, bytes], name: str, path: Path) -> ElementTree.Element:
     data = files[name]
     if b"<!DOCTYPE" in data:
-        raise MissionServiceError(f"{path}: {name} contains a DOCTYPE, which is never read")
+        raise MissionServiceError(f"{path}: {name} contains a DOCTYPE, which is not allowed")
     try:
         return ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise _damaged(path, f"{name} is not readable XML", error) from None
+        raise _damaged(path, f"{name} is not valid XML", error) from None
 
 
 def _name(path: str) -> str:
@@ -210,5 +210,5 @@ def _name(path: str) -> str:
 def _damaged(path: Path, fault: str, error: Exception | None = None) -> MissionServiceError:
     cause = f" ({' '.join(str(error).split())})" if error is not None else ""
     return MissionServiceError(
-        f"{path}: the data package is damaged: {fault}{cause}; download it again"
+        f"{path}: the data package is corrupt: {fault}{cause}; download it again"
     )

@@ -104,7 +104,7 @@ class EventReceiver:
         if self._lines.consume(ALL, now_s):
             self._suppressed += 1
             return
-        more = f" ({self._suppressed} further lines are omitted)" if self._suppressed else ""
+        more = f" ({self._suppressed} more lines omitted)" if self._suppressed else ""
         self._suppressed = 0
         self._context.service.announce(ABOUT, f"a TAK report is not used: {text}{more}")
         self._context.ring()

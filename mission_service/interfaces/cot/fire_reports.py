@@ -57,7 +57,7 @@ def station_of(creator: Creator) -> str:
 
 def name_of(report: FireReport) -> str:
     """Return the name of a report for operators: title and creator."""
-    return f"{report.title} of {report.creator.callsign or report.creator.uid}"
+    return f"{report.title} from {report.creator.callsign or report.creator.uid}"
 
 
 def state_in(title: str) -> State | None:

@@ -86,7 +86,7 @@ def parse_event(data: bytes) -> CotEvent | None:
     if root is None:
         return None
     if root.tag != "event":
-        raise CotEventError("an event is not readable: its root element is not <event>")
+        raise CotEventError("an event cannot be read: its root element is not <event>")
     uid, kind = (_text(root, key) for key in ("uid", "type"))
     if not uid or not kind:
         raise CotEventError("an event has no uid or no type")
@@ -135,7 +135,7 @@ def drawings_in(event: CotEvent) -> list[Drawing]:
     if event.kind.startswith(("a-", "b-m-p-")):
         return [Drawing("points", (place_of(event),))]
     raise CotEventError(
-        f"the type {event.kind} is not used; draw a marker, line, polygon, rectangle or circle"
+        f"the type {event.kind} is not supported; draw a marker, line, polygon, rectangle or circle"
     )
 
 
@@ -146,7 +146,7 @@ def _line_in(detail: Element) -> tuple[LatLon, ...]:
         if "point" in link.attrib
     )
     if len(places) < 2:
-        raise CotEventError(f"a drawn shape needs 2 places and has {len(places)}")
+        raise CotEventError(f"a drawn shape needs at least 2 points but has {len(places)}")
     return places
 
 
@@ -154,10 +154,10 @@ def _from_xml(data: bytes) -> Element:
     try:
         text = data.decode("utf-8").lstrip("\ufeff \t\r\n")
         if "<!DOCTYPE" in text:  # only this declaration can define entities
-            raise CotEventError("an event contains a DOCTYPE, which is never read")
+            raise CotEventError("an event contains a DOCTYPE, which is not allowed")
         return ElementTree.fromstring(text)
     except (ElementTree.ParseError, UnicodeDecodeError, ValueError) as error:
-        raise CotEventError(f"an event is not readable XML: {error}") from None
+        raise CotEventError(f"an event is not valid XML: {error}") from None
 
 
 def _from_protobuf(data: bytes) -> Element | None:
@@ -172,7 +172,7 @@ def _from_protobuf(data: bytes) -> Element | None:
         event = message.cotEvent
         sent = zulu(1000 * event.sendTime)
     except (DecodeError, OverflowError) as error:
-        raise CotEventError(f"an event is not readable as TAK protocol 1: {error}") from None
+        raise CotEventError(f"an event cannot be read as TAK protocol 1: {error}") from None
     root = Element("event", {"uid": event.uid, "type": event.type, "time": sent})
     place = {"lat": str(event.lat), "lon": str(event.lon), "ce": str(event.ce)}
     ElementTree.SubElement(root, "point", place)
@@ -217,7 +217,7 @@ def _ellipse(centre: LatLon, detail: Element) -> tuple[LatLon, ...]:
     if not (0.0 < major_m <= MAX_RADIUS_M and 0.0 < minor_m <= MAX_RADIUS_M):
         raise CotEventError(
             f"a circle has the radii {major_m:g} and {minor_m:g} m; "
-            f"the limits are 0 and {MAX_RADIUS_M:g} m"
+            f"they must be above 0 and at most {MAX_RADIUS_M:g} m"
         )
     heading = math.radians(_number(largest, "angle") if "angle" in largest.attrib else 0.0)
     found = []
@@ -281,7 +281,7 @@ def _unix_us(text: str, uid: str) -> int:
             found = found.replace(tzinfo=UTC)
         return round(found.timestamp() * 1e6)
     except (ValueError, OverflowError):
-        raise CotEventError(f"unknown format of time: {_cut(text)!r} in {_cut(uid)}") from None
+        raise CotEventError(f"unknown time format: {_cut(text)!r} in {_cut(uid)}") from None
 
 
 def _cut(text: str) -> str:

@@ -139,7 +139,9 @@ class ReportFilter:
         if len(self._waiting) <= MAX_WAITING:
             return []
         _, (oldest, _) = self._waiting.popitem(last=False)
-        return self.refuse(oldest, f"more than {MAX_WAITING} reports of unknown users wait", now_s)
+        return self.refuse(
+            oldest, f"more than {MAX_WAITING} reports from unknown users are waiting", now_s
+        )
 
     def _verdicts(self, report: FireReport, now_s: float, unix_us: int) -> list[Verdict]:
         """Return the request or the refusal of a report; none if it was used before."""
@@ -170,9 +172,11 @@ class ReportFilter:
     def _problem(self, user: User, age_s: float) -> str:
         """Return the reason why a report of a user is not used, or ""."""
         if not self._settings.accepts_group(user.group):
-            return f"its creator is in the group {user.group}, which is not in groups"
+            return f"its creator is in the group {user.group}, which is not listed in `groups`"
         if not self._settings.accepts_role(user.role):
-            return f"its creator has the role {user.role or '(none)'}, which is not in roles"
+            return (
+                f"its creator has the role {user.role or '(none)'}, which is not listed in `roles`"
+            )
         if age_s < -MAX_AHEAD_S:
             return f"its time is {-age_s:.0f} s in the future; check the clock of its creator"
         if age_s > self._settings.max_age_s:
@@ -183,7 +187,7 @@ class ReportFilter:
         if self._of_user.consume(report.creator.uid, now_s) or self._of_all.consume(ALL, now_s):
             return (
                 "too many reports arrived; it is used when its client sends it again later "
-                f"(limits: {60 * USER_RATE_S:g} a minute for a user, {60 * TOTAL_RATE_S:g} for all)"
+                f"(limits: {60 * USER_RATE_S:g} a minute per user, {60 * TOTAL_RATE_S:g} for all)"
             )
         return ""
 

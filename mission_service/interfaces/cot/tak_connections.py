@@ -123,7 +123,7 @@ class Stream:
         """Send an event; wait up to ``ANSWER_S`` for a slow server."""
         if self._reading.done():
             self._reading.result()  # for example, a server refused a certificate after connecting
-            raise ConnectionResetError("the server has closed the connection")
+            raise ConnectionResetError("the server closed the connection")
         self._writer.write(event + b"\n")
         async with asyncio.timeout(ANSWER_S):
             await self._writer.drain()

@@ -60,6 +60,6 @@ def _tls_of(package: DataPackage, key_password: bytes) -> ssl.SSLContext:
         try:
             context.load_cert_chain(file.name, password=key_password)
         except ssl.SSLError as error:
-            text = f"service.cot data_package: the certificate and key are not usable: {error}"
+            text = f"service.cot data_package: the certificate and key cannot be used: {error}"
             raise MissionServiceError(text) from None
     return context

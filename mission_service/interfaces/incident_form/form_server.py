@@ -49,7 +49,9 @@ def uploads_of(file: Path) -> Iterator[Path]:
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
-        raise MissionServiceError(f"{folder}: exists; give the scenario another name") from None
+        raise MissionServiceError(
+            f"{folder}: already exists; choose another name for the scenario"
+        ) from None
     try:
         yield folder
     finally:
@@ -85,7 +87,7 @@ class FormServer(ThreadingHTTPServer):
             super().__init__((LOOPBACK, port), partial(_Requests, directory=str(page.parent)))
         except OSError as error:
             raise MissionServiceError(
-                f"{LOOPBACK}:{port}: cannot listen: {error.strerror}; give another --port"
+                f"{LOOPBACK}:{port}: cannot listen: {error.strerror}; choose another --port"
             ) from None
 
     @property

@@ -25,7 +25,7 @@ def unpack_site(folder: Path, site: Path = SITE) -> None:
     if not site.is_file():
         raise MissionServiceError(
             f"{site}: the documentation was not built; run make docs in a checkout, or read the "
-            "folder docs of the repository"
+            "files in the repository's folder docs"
         )
     try:
         shutil.unpack_archive(site, folder)
@@ -52,7 +52,7 @@ def site_server(port: int, folder: Path) -> ThreadingHTTPServer:
         return ThreadingHTTPServer((LOOPBACK, port), partial(_Files, directory=str(folder)))
     except OSError as error:
         raise MissionServiceError(
-            f"{LOOPBACK}:{port}: cannot listen: {error.strerror}; give another --port"
+            f"{LOOPBACK}:{port}: cannot listen: {error.strerror}; choose another --port"
         ) from None
 
 

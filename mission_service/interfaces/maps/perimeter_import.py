@@ -213,7 +213,7 @@ def _odd_record(record: Record, area: BaseGeometry, number: int) -> list[str]:
     if drawn_ms and current_ms and abs(drawn_ms - current_ms) > FAR_APART_MS:
         notes.append(
             f"feature {number}: the date of the polygon is {_utc(drawn_ms)}, the date of the last "
-            f"change is {_utc(current_ms)}; the outline may be of either time"
+            f"change is {_utc(current_ms)}; the outline may be from either time"
         )
     acres = area_m2(area) / M2_PER_ACRE
     recorded = record["gis_acres"]

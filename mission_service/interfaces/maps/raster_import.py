@@ -71,7 +71,9 @@ def _check_header(file: Any, file_name: str) -> None:
 def _states(pixels: NDArray[Any], nodata: float | None, file_name: str) -> NDArray[np.uint8]:
     """Return UNSEEN, UNBURNED or BURNED for each pixel (y, x)."""
     if pixels.dtype.kind not in "uif":
-        raise FireModelError(f"{file_name}: its pixels are {pixels.dtype}; send 0, 1 and 255")
+        raise FireModelError(
+            f"{file_name}: its pixels are of type {pixels.dtype}; send real numbers (0, 1 and 255)"
+        )
     states = np.full(pixels.shape, UNSEEN, dtype=np.uint8)
     states[pixels == 0] = UNBURNED
     states[pixels == 1] = BURNED
@@ -89,7 +91,7 @@ def _states(pixels: NDArray[Any], nodata: float | None, file_name: str) -> NDArr
         row, col = np.argwhere(odd)[0].tolist()
         raise FireModelError(
             f"{file_name}: the pixel in row {row}, column {col} has the value "
-            f"{pixels[row, col]:g}; give 0 (unburned), 1 (burned), and 255 or the nodata value of "
+            f"{pixels[row, col]:g}; use 0 (unburned), 1 (burned), and 255 or the nodata value of "
             "the file (not seen)"
         )
     return states
@@ -114,7 +116,7 @@ def _resampled(
             f"{file_name}: lies around lat {(edges[1] + edges[3]) / 2:.4f}, lon "
             f"{(edges[0] + edges[2]) / 2:.4f}, outside the landscape around lat "
             f"{(bounds[1] + bounds[3]) / 2:.4f}, lon {(bounds[0] + bounds[2]) / 2:.4f}; check its "
-            "CRS and place"
+            "CRS and position"
         )
     height_deg, width_deg = edges[3] - edges[1], edges[2] - edges[0]
     shown = ((north - south) / height_deg * file.height, (east - west) / width_deg * file.width)

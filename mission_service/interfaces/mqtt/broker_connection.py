@@ -62,13 +62,14 @@ def tls_of(
     try:
         context = ssl.create_default_context(cafile=authority)
     except OSError as error:  # ssl.SSLError is an OSError
-        raise MissionServiceError(f"{authority}: no certificates to trust: {_why(error)}") from None
+        raise MissionServiceError(f"{authority}: cannot be loaded: {_why(error)}") from None
     if certificate is not None:
         try:
             # Without a password, OpenSSL would prompt for a passphrase on the terminal.
             context.load_cert_chain(certificate, key, password=lambda: b"")
         except OSError as error:
-            text = f"{certificate}, {key or 'no key file'}: no certificate and key: {_why(error)}"
+            files = f"{certificate}, {key or 'no key file'}"
+            text = f"{files}: the certificate and key cannot be loaded: {_why(error)}"
             raise MissionServiceError(text) from None
     return context
 

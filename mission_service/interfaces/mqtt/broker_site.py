@@ -65,7 +65,7 @@ def _access_in(settings: MqttSection) -> BrokerAccess:
     password = None
     if settings.password is not None:
         if settings.user is None:
-            raise MissionServiceError(f"{TABLE} password: requires a user; set user as well")
+            raise MissionServiceError(f"{TABLE} password: requires a user; set `user` as well")
         try:
             password = held(settings.password, f"{TABLE} password")
             hide(password)

@@ -120,7 +120,7 @@ class CommandGate:
         except _RefusedError:
             command, request = None, {}
         if retained and (command is None or abs(unix_us - command.sent_at_unix_us) > OLD_US):
-            why = "abort: the message is retained and old: the broker would send it at each start"
+            why = "abort: the message is retained and old; the broker would send it at each start"
             return Reply(command_id, ABORT, at_us, False, why)
         if now_s - self._aborted_s < ABORTS_APART_S:
             return Reply(command_id, ABORT, at_us, True, event="Aborted", again=True)
@@ -169,7 +169,7 @@ def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
             f"the message cannot be read: {in_words(error, Command, found)}"
         ) from None
     if "do" in found:
-        raise _RefusedError("unknown key do: the topic contains the command")
+        raise _RefusedError('unknown key "do": the topic contains the command')
     request = {key: value for key, value in found.items() if key not in _ENVELOPE}
     # Without the prefix, a command would count as the presence of an operator at a station that
     # approves plans.
@@ -193,5 +193,5 @@ def _refuse_old(command: Command, unix_us: int) -> None:
         when = "ago" if age_us > 0 else "in the future"
         raise _RefusedError(
             f"sent_at_unix_us is {abs(age_us) / 1e6:.0f} s {when}; the limit is "
-            f"{OLD_US / 1e6:.0f} s: give microseconds since 1970, and check the clock of the sender"
+            f"{OLD_US / 1e6:.0f} s: use microseconds since 1970, and check the sender's clock"
         )

@@ -97,7 +97,7 @@ def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise UnfitError(f"the message cannot be read: {error}") from None
     if message.sender != vehicle:
-        raise UnfitError(f"the sender in the message is {message.sender}")
+        raise UnfitError(f"the message contains another sender, {message.sender}")
     if message.at_us > latest_us:
         raise UnfitError(f"mission time {message.at_us / 1e6:.0f} s is after the mission's end")
     if isinstance(message, Difference):
@@ -188,7 +188,9 @@ class PeerExchange:
 
     def _lost(self, why: str, listener: "PeerListener") -> None:
         if not self._loss_reported:
-            text = f"no broker at {self.channel.broker} ({why}); vehicles circle until it is found"
+            text = (
+                f"no broker at {self.channel.broker} ({why}); vehicles circle until it is reached"
+            )
             listener.announce(text, True)
         self.connected, self._loss_reported = False, True
         if self._in_contact:

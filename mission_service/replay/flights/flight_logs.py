@@ -67,7 +67,7 @@ class Flight(NamedTuple):
         """Return the time at which the whole flight begins. Raises FlightError for empty logs."""
         first = next(self._whole(), None)
         if first is None:
-            raise FlightError(f"{self.paths_text}: no vehicle in it")
+            raise FlightError(f"{self.paths_text}: no vehicle in the logs")
         return first.at_us
 
     @property
@@ -139,7 +139,7 @@ def flight_of(words: Sequence[str]) -> Flight:
     dated = [len(logs) == 1 or log.unix_offset_us() is not None for log in logs]
     if any(dated) and not all(dated):
         path = logs[dated.index(False)].path
-        raise FlightError(f"{path}: has no UTC time and cannot be merged with logs that have it")
+        raise FlightError(f"{path}: has no UTC time and cannot be merged with logs that have one")
     return Flight(logs, tuple(name for name, _ in given))
 
 
@@ -179,7 +179,7 @@ def survey(flight: Flight) -> Survey:
         flown[entry.vehicle].apply(entry.event, entry.at_us)
         end_us = max(end_us, entry.at_us)
     if not flown:
-        part = "this part of it" if flight.is_part else "it"
+        part = "this part of the logs" if flight.is_part else "the logs"
         raise FlightError(f"{flight.paths_text}: no vehicle in {part}")
     damage = tuple(f"{log.path}: {each}" for log in flight.logs for each in log.damage)
     return Survey(flown, zero_us, begin_us, end_us, offset_us, damage)

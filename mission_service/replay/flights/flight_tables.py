@@ -153,7 +153,7 @@ def description_of(event: LogEvent) -> tuple[str, str]:
         case Rebooted():
             return "rebooted", "the autopilot has rebooted"
         case MissionReplaced():
-            return "mission_replaced", "another mission, without its items in the log"
+            return "mission_replaced", "another mission, whose items are not in the log"
         case GripperMoved():
             return "gripper", "release" if event.releases else "grab"
         case Acknowledged():

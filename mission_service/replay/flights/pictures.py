@@ -359,7 +359,7 @@ def draw_changes(runs: Sequence[RunAnalysis]) -> Figure | None:
             share = 100.0 * np.arange(1, len(ordered) + 1) / len(ordered)
             axes.step(ordered, share, where="post", color=colour, label=name)
         of_visits = rows is visits
-        label = "time between visits of a place" if of_visits else "mission sent to accepted"
+        label = "time between visits to a place" if of_visits else "time from upload to acceptance"
         axes.set(xlabel=f"{label} (s)", ylabel="share (%)", ylim=(0, 101), xlim=(0, None))
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8, loc="lower right")

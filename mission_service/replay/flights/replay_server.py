@@ -38,7 +38,7 @@ from mission_service.value_errors import in_words
 TURN_US = 20_000  # duration of a turn, after which other tasks run
 TICK_S = 0.02  # interval of turns while no entry is due
 SHOWN_EVERY_S = 0.2
-NO_ORDERS = "this is a replay, which refuses orders"
+NO_ORDERS = "this is a replay; orders are refused"
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def control(player: Playback, request: dict[str, Any], now_us: int) -> list[str]
             head.resume(now_us)
         messages.append("paused" if values.paused else "continues")
     if not messages:
-        raise RequestError("replay: give paused, speed or seek_s")
+        raise RequestError("replay: specify paused, speed or seek_s")
     player.state_view.replay_changed()
     return messages
 

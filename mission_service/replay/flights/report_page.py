@@ -107,7 +107,7 @@ def _events(run: RunAnalysis) -> list[ReportLine]:
         add(fire.reached_edge_us, "fire", fire.warnings[-1], True)
     for name, record in fire.record.vehicles.items():
         for at_us, link, cause in record.sortie.links.changes:
-            add(at_us, name, f"messages are sent over {link} now: {LINK_CAUSES[cause]}", True)
+            add(at_us, name, f"messages are now sent over {link}: {LINK_CAUSES[cause]}", True)
         for at_us, lat, lon in record.reversals:
             add(at_us, name, f"planner decides to turn back at {lat:.5f}, {lon:.5f}", False)
         for drop in record.drops:
@@ -141,7 +141,7 @@ def _events_of(run: RunAnalysis, vehicle: VehicleAnalysis) -> list[ReportLine]:
         add(at_us, f"link lost for {silent_us / 1e6:.1f} s", True)
     for each in vehicle.drops:
         if each.done is not None:
-            off = "" if each.off_m is None else f", {each.off_m:.1f} m from its planned place"
+            off = "" if each.off_m is None else f", {each.off_m:.1f} m from its planned position"
             output = "gripper" if each.done.output == 0 else f"servo {each.done.output}"
             text = f"{output} opens at {each.done.lat_deg:.6f}, {each.done.lon_deg:.6f}{off}"
             add(each.done.at_us, text, True)

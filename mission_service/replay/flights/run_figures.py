@@ -17,8 +17,8 @@ FIRE_ROWS: tuple[Row, ...] = (
     ("front observed within ten minutes, mean", "%", lambda of: of["recent_pct"]),
     ("age of the observed front, mean", "s", lambda of: of["age_mean_s"]),
     ("age of the observed front, maximum", "s", lambda of: of["age_worst_s"]),
-    ("time between visits of a place, median", "s", lambda of: of["revisit_median_s"]),
-    ("time between visits of a place, 95th percentile", "s", lambda of: of["revisit_p95_s"]),
+    ("time between visits to a place, median", "s", lambda of: of["revisit_median_s"]),
+    ("time between visits to a place, 95th percentile", "s", lambda of: of["revisit_p95_s"]),
 )
 VEHICLE_ROWS: tuple[Row, ...] = (
     ("autopilot", "", lambda of: of["autopilot"]),
@@ -38,11 +38,15 @@ VEHICLE_ROWS: tuple[Row, ...] = (
     ("time from upload to acceptance, maximum", "s", lambda of: of["mission_latency_worst_s"]),
     ("positions", "per s", lambda of: of["positions_hz"]),
     ("longest gap between positions", "s", lambda of: of["longest_gap_s"]),
-    ("losses of the link", "", lambda of: of["links_lost"]),
-    ("changes of the link in use", "", lambda of: of["link_switches"]),
+    ("link losses", "", lambda of: of["links_lost"]),
+    ("changes of the active link", "", lambda of: of["link_switches"]),
     ("frames lost on each link, mean", "%", lambda of: _loss_of(of["links"])),
     ("drops planned, done", "", lambda of: _of_two(of, "drops_planned", "drops_done")),
-    ("distance of drops from their planned places, mean", "m", lambda of: of["drops_off_mean_m"]),
+    (
+        "distance of drops from their planned positions, mean",
+        "m",
+        lambda of: of["drops_off_mean_m"],
+    ),
 )
 
 

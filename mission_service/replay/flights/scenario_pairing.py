@@ -48,7 +48,7 @@ def chosen_scenario(
     if isinstance(own, JournalLog):
         return run_of(own.scenario(choice.rule).model_dump(mode="json"), own.path, overrides)
     if overrides:
-        raise FlightError(f"{own.path}: contains no scenario; give one with --scenario")
+        raise FlightError(f"{own.path}: contains no scenario; specify one with --scenario")
     return None
 
 
@@ -121,8 +121,8 @@ def mission_time(
     if not 0 <= start_us < round(scenario.duration_s * 1e6):
         raise FlightError(
             f"the flight begins {start_us / 3.6e9:+.1f} h after time_zero of {scenario.name}, "
-            f"which lasts {scenario.duration_s / 3600:.1f} h; give the flight's start with --at, "
-            "in seconds of mission time"
+            f"which lasts {scenario.duration_s / 3600:.1f} h; specify the flight's start with "
+            "--at, in seconds of mission time"
         )
     return Mission(begin_us, start_us)
 
@@ -196,12 +196,12 @@ def fireless_scenario(survey: Survey, name: str) -> Scenario:
     """
     places = [place for flown in survey.flown.values() for place in flown.track]
     if not places:
-        raise FlightError("the logs have no position; give a --scenario")
+        raise FlightError("the logs have no position; specify --scenario")
     south, north = min(place[1] for place in places), max(place[1] for place in places)
     west, east = min(place[2] for place in places), max(place[2] for place in places)
     lat_deg, lon_deg = (south + north) / 2.0, (west + east) / 2.0
     if not -80.0 <= lat_deg <= 84.0:
-        raise FlightError(f"lat {lat_deg:.3f} is too near to a pole for a map; give a --scenario")
+        raise FlightError(f"lat {lat_deg:.3f} is too close to a pole for a map; specify --scenario")
     lon_m = M_PER_DEG * math.cos(math.radians(lat_deg))
     high_m = M_PER_DEG * (north - south) + 2.0 * AROUND_M
     wide_m = lon_m * (east - west) + 2.0 * AROUND_M

@@ -48,7 +48,7 @@ class WriteOnceJournal(Journal):
             self.rest = Rest(self.rest.at_byte + size, crc, self.rest.segment)
             return
         if self.rest != self._farthest:
-            raise FlightError(f"{self.path}: the log was changed while it was played")
+            raise FlightError(f"{self.path}: the log was changed while it was being played")
         super()._put(lines, crc, to_disk)
         self._farthest = self.rest
 
@@ -59,4 +59,4 @@ def refuse_loss(path: Path, logs: Iterable[Path]) -> None:
         return
     of_replay = begins_journal(path) and REPLAY in SegmentReader(path).header
     if not of_replay or any(path.samefile(each) for each in logs):
-        raise FlightError(f"{path}: exists already and would be overwritten; choose another --out")
+        raise FlightError(f"{path}: already exists and would be overwritten; choose another --out")

@@ -66,7 +66,7 @@ class Notices:
         if alarm is not None:
             alarm.cleared_at_us = self.at_us
             self.cleared.append(alarm)
-            self._record("alarm", alarm.vehicle, f"end of the alarm: {alarm.text}")
+            self._record("alarm", alarm.vehicle, f"alarm cleared: {alarm.text}")
             self._touch("alarms")
 
     def clear_all_but(self, *prefixes: str) -> None:

@@ -63,7 +63,7 @@ def read_observation_file(path: Path, landscape: Landscape, settings: FileSettin
     try:
         found = msgspec.json.decode(output_of(MODULE, job), type=Usable | Unusable)
     except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise MissionServiceError(f"{path}: {error}; simplify it") from None
+        raise MissionServiceError(f"{path}: {error}; simplify the file") from None
     if isinstance(found, Unusable):
         raise MissionServiceError(found.reason)
     return found.contents
@@ -85,7 +85,7 @@ def check_file(path: Path) -> None:
         raise MissionServiceError(f"{path}: {error.strerror}") from None
     if sum(sizes) > MAX_FILE_BYTES:
         raise MissionServiceError(
-            f"{path}: {sum(sizes) / 1e6:.0f} MB; files up to {MAX_FILE_BYTES / 1e6:.0f} MB are read"
+            f"{path}: {sum(sizes) / 1e6:.0f} MB; the maximum is {MAX_FILE_BYTES / 1e6:.0f} MB"
         )
     if suffix in IMAGES:
         raise MissionServiceError(
@@ -127,8 +127,8 @@ def _refuse_large_archive(path: Path) -> None:
         raise FireModelError(f"{path}: is not a complete ZIP archive ({error})") from None
     if unpacked > MAX_UNPACKED_BYTES:
         raise FireModelError(
-            f"{path}: contains {unpacked / 1e6:.0f} MB; {MAX_UNPACKED_BYTES / 1e6:.0f} MB at most "
-            "are read"
+            f"{path}: contains {unpacked / 1e6:.0f} MB; the maximum is "
+            f"{MAX_UNPACKED_BYTES / 1e6:.0f} MB"
         )
 
 

@@ -75,7 +75,7 @@ def draw_contents(path: Path, landscape: Landscape, name: str, contents: FileCon
         handles=[
             Patch(color=BURNED_COLOUR, alpha=ALPHA, label="burned or burning"),
             Patch(color=UNBURNED_COLOUR, alpha=ALPHA, label="unburned"),
-            Line2D([], [], color=CAMERA_COLOUR, label="error of the place of a point, 90 %"),
+            Line2D([], [], color=CAMERA_COLOUR, label="position error of a point, 90 %"),
         ],
         loc="upper left",
         title="Observed",

@@ -36,7 +36,7 @@ def raster_contents(path: Path, landscape: Landscape, settings: FileSettings) ->
     band = bands_of(path)[0]
     rows, cols = band.shape
     if rows * cols > MAX_CELLS:
-        raise FireModelError(f"{path}: has {rows} x {cols} cells; {MAX_CELLS:,} at most are read")
+        raise FireModelError(f"{path}: has {rows} x {cols} cells; the maximum is {MAX_CELLS:,}")
     if band.crs is None:
         raise FireModelError(
             f"{path}: is not georeferenced; copy images of thermal cameras to the folder of "
@@ -76,8 +76,8 @@ def _time(path: Path, band: Band, settings: FileSettings) -> datetime:
     named = time_in_name(path.name, settings.zone)
     if named is None:
         raise FireModelError(
-            f"{path}: has no time; write TIFFTAG_DATETIME, or begin its name with it, for example "
-            "20260704_1937Z"
+            f"{path}: has no time; add TIFFTAG_DATETIME, or begin the file name with the time, "
+            "for example 20260704_1937Z"
         )
     return named
 

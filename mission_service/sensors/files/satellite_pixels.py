@@ -93,7 +93,7 @@ def read_satellite_pixels(path: Path, within: World = WORLD) -> SatelliteFile:
             if not is_satellite(names):
                 missing = [name for name in COLUMNS if name not in names]
                 raise MissionServiceError(
-                    f"{path}: has no column {', '.join(missing)}; give a CSV file of FIRMS"
+                    f"{path}: has no column {', '.join(missing)}; use a CSV file of FIRMS"
                 )
             return _within(path, rows, names, within)
     except OSError as error:
@@ -156,7 +156,7 @@ def pixel_of(values: Mapping[str, Any], where: str) -> SatellitePixel:
     except (ValueError, TypeError) as error:
         raise MissionServiceError(f"{where}: {str(error)[:MAX_MESSAGE]}") from None
     if not (abs(lat_deg) < 90.0 and abs(lon_deg) <= 180.0):
-        raise MissionServiceError(f"{where}: the place is {lat_deg}, {lon_deg}")
+        raise MissionServiceError(f"{where}: the position is {lat_deg}, {lon_deg}")
     if not all(MIN_KM <= side <= MAX_KM for side in (scan_km, track_km)):
         raise MissionServiceError(
             f"{where}: the pixel is {scan_km:g} x {track_km:g} km; it must be "
@@ -200,7 +200,7 @@ def _grid_corners(lat_deg: float, lon_deg: float, grid_lon_deg: float) -> list[t
         lon, lat = grid.transform(x_m + east * half_m, y_m + north * half_m, direction="INVERSE")
         found.append((float(lat), float(lon)))
     if not all(math.isfinite(each) for corner in found for each in corner):
-        raise ValueError("the satellite does not see this place")
+        raise ValueError("this position is outside the satellite's field of view")
     return found
 
 
@@ -220,7 +220,7 @@ def _false_alarms_pct(confidence: str, goes: bool) -> float:
     if goes:
         tens, ones = divmod(int(confidence), 10)
         if tens not in (1, 3) or ones not in GOES_FALSE_ALARMS_PCT:
-            raise ValueError(f"the confidence is {confidence}; give a class or a code of fire")
+            raise ValueError(f"the confidence is {confidence}; use a class or a GOES fire code")
         return GOES_FALSE_ALARMS_PCT[ones]
     percent = float(confidence)
     if not 0.0 <= percent <= 100.0:

@@ -107,7 +107,7 @@ def vector_contents(path: Path, landscape: Landscape, settings: FileSettings) ->
         raise FireModelError(notes[0])
     if len(reports) > MAX_REPORTS:
         raise FireModelError(
-            f"{path}: has {len(reports)} separate areas and lines; {MAX_REPORTS} at most are used: "
+            f"{path}: has {len(reports)} separate areas and lines; the maximum is {MAX_REPORTS}: "
             "send only this fire, simplified"
         )
     return FileContents("shapes", tuple(reports), tuple(notes))
@@ -152,7 +152,7 @@ def _check_size(path: Path, shapes: Sequence[BaseGeometry]) -> None:
     ):
         if count > most:
             raise FireModelError(
-                f"{path}: {count} {what}; {most} at most are read: send only this fire, simplified"
+                f"{path}: {count} {what}; the maximum is {most}: send only this fire, simplified"
             )
 
 
@@ -175,7 +175,7 @@ def _times(path: Path, records: Sequence[Mapping[str, Any]], zone: tzinfo) -> li
         elif isinstance(at, datetime):
             found.append(at)
         else:
-            found.append(named or f"has a date ({at}) without a time of day; add it")
+            found.append(named or f"has a date ({at}) without a time of day; add the time")
     return found
 
 
@@ -265,7 +265,7 @@ def _simplified(part: BaseGeometry, landscape: Landscape) -> Any:
     found = part.simplify(SHIFT_CELLS * landscape.cell_size_m)
     count = int(shapely.get_num_coordinates(found))
     if count > MAX_CORNERS:
-        raise FireModelError(f"an outline has {count} corners; {MAX_CORNERS} at most are used")
+        raise FireModelError(f"an outline has {count} corners; the maximum is {MAX_CORNERS}")
     return found
 
 

@@ -64,11 +64,11 @@ class CameraPoints:
             if fix.at_us - point.at_us < TELEMETRY_DELAY_US:
                 return None
             self._waiting.popleft()
-            self.problem = f"a point of {point.vehicle} is not used: {error}"
+            self.problem = f"a point from {point.vehicle} is not used: {error}"
             return None
         except FireModelError as error:
             self._waiting.popleft()
-            self.problem = f"a point of {point.vehicle} is not used: {error}"
+            self.problem = f"a point from {point.vehicle} is not used: {error}"
             return None
         self._waiting.popleft()
         self.problem = ""
@@ -101,7 +101,7 @@ class CameraPoints:
             raise FireModelError("it shows no ground of the landscape")
         (cell,), (spread,) = cells, projection.covariances(cells)
         if not np.isfinite(spread).all():
-            raise FireModelError("the error of its place is unknown")
+            raise FireModelError("its position error is unknown")
         return round(float(cell[0])), round(float(cell[1])), math.sqrt(np.trace(spread) / 2.0)
 
     def _lens(self, vehicle: str, pose: TelemetryPose) -> Lens:
@@ -109,7 +109,7 @@ class CameraPoints:
         vertical_deg = self._poses.vertical_deg_of(vehicle)
         if horizontal_deg is None:
             raise FireModelError(
-                "the camera does not report its field of view; give "
+                "the camera does not report its field of view; set "
                 "estimate.thermal_frames.field_of_view_deg"
             )
         focal_px = focal_px_of(horizontal_deg, WIDTH)

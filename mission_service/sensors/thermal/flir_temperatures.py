@@ -53,9 +53,11 @@ def flir_celsius(path: Path) -> NDArray[np.float32]:
         answer = output_of(MODULE, path.read_bytes())
         found = msgspec.msgpack.decode(answer, type=Decoded | Undecoded)
     except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise MissionServiceError(f"{path}: its FLIR temperatures: {error}") from None
+        raise MissionServiceError(
+            f"{path}: its FLIR temperatures cannot be read: {error}"
+        ) from None
     if isinstance(found, Undecoded):
-        raise MissionServiceError(f"{path}: its FLIR temperatures are damaged: {found.reason}")
+        raise MissionServiceError(f"{path}: its FLIR temperature data are corrupt: {found.reason}")
     return np.frombuffer(found.celsius, dtype=np.float32).reshape(found.rows, found.cols)
 
 

@@ -137,7 +137,7 @@ def _cells_of(
     seen = found & exact.ravel()
     if not seen.any():
         raise FireModelError(
-            f"the standard deviation of its place is at least {np.nanmin(sd_m):.1f} m; "
+            f"the standard deviation of its position is at least {np.nanmin(sd_m):.1f} m; "
             f"{settings.TABLE}.max_position_sd_m = {settings.max_position_sd_m:g}"
         )
     shown = seen.reshape(kinds.shape) & (kinds == HOT)
@@ -179,7 +179,7 @@ def kinds_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[np.
     if image.kind == "levels":
         if settings.hot_level is None:
             raise FireModelError(
-                f"contains grey levels instead of temperatures; give {settings.TABLE}.hot_level"
+                f"contains grey levels instead of temperatures; set {settings.TABLE}.hot_level"
             )
         if np.mean(values < settings.hot_level) < MIN_NOT_HOT:
             raise FireModelError(

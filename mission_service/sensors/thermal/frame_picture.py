@@ -59,7 +59,9 @@ def draw_frame(
         handles=[
             Line2D([], [], color=BURNED_COLOUR, linewidth=2, label="burned cells"),
             Line2D([], [], color=UNBURNED_COLOUR, linewidth=2, label="unburned cells"),
-            Line2D([], [], color=ELLIPSE_COLOUR, linewidth=2, label="90 % ellipse\nof the place"),
+            Line2D(
+                [], [], color=ELLIPSE_COLOUR, linewidth=2, label="90 % ellipse\nof the position"
+            ),
             Line2D([], [], color=CAMERA_COLOUR, marker="^", linestyle="", label="camera"),
         ],
         loc="upper left", bbox_to_anchor=(1.01, 0.68), borderaxespad=0.0, fontsize=9,

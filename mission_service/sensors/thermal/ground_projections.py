@@ -107,7 +107,7 @@ def projection_of(
         focal_px = focal_px_of(settings.field_of_view_deg, width)
     if focal_px is None:
         raise FireModelError(
-            "neither the file nor the vehicle reports the focal length; give "
+            "neither the file nor the vehicle reports the focal length; set "
             f"{settings.TABLE}.field_of_view_deg"
         )
     lens = Lens(width, height, focal_px, settings.distortion)

@@ -174,12 +174,12 @@ class TelemetryPoses:
         vehicles = [each for each in self._copies() if each.fixes]
         if len(vehicles) != 1:
             raise PoseUnknownError(
-                "no vehicle has reported the image; poses without a report require one vehicle"
+                "no vehicle has reported the image; poses without a report require a single vehicle"
             )
         (vehicle,) = vehicles
         at_us = self.mission_us_of(taken.timestamp())
         if at_us is None:
-            raise PoseUnknownError(f"no telemetry of {taken:%H:%M:%S} UTC")
+            raise PoseUnknownError(f"no telemetry at {taken:%H:%M:%S} UTC")
         return self._interpolated_at(vehicle, at_us, taken)
 
     def _interpolated_at(self, vehicle: _Vehicle, at_us: int, taken: datetime) -> TelemetryPose:
@@ -211,7 +211,7 @@ class TelemetryPoses:
             return angles
         if self._fixed_pitch_deg is None:
             raise PoseUnknownError(
-                "the vehicle reports no gimbal; give estimate.thermal_frames.fixed_pitch_deg for "
+                "the vehicle reports no gimbal; set estimate.thermal_frames.fixed_pitch_deg for "
                 "a camera that is fixed to the airframe"
             )
         return tilted(angles, self._fixed_pitch_deg)

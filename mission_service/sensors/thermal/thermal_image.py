@@ -101,11 +101,13 @@ def read_thermal_image(path: Path, pose_of: PoseOf | None = None) -> ThermalImag
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
             raise ThermalImageError(
-                f"{path}: {size / 1e6:.0f} MB; images up to {MAX_FILE_BYTES / 1e6:.0f} MB are read"
+                f"{path}: {size / 1e6:.0f} MB; the maximum is {MAX_FILE_BYTES / 1e6:.0f} MB"
             )
         with Image.open(path, formats=("TIFF", "JPEG", "PNG")) as image:
             if image.width * image.height > MAX_PIXELS:
-                raise ThermalImageError(f"{path}: {image.width} x {image.height} pixels; too many")
+                raise ThermalImageError(
+                    f"{path}: {image.width} x {image.height} pixels are too many"
+                )
             return _image_of(path, image, pose_of)
     except (MissionServiceError, MemoryError):
         raise
@@ -202,7 +204,9 @@ def _values(path: Path, image: "Image") -> tuple[NDArray[np.float32], str]:
             _refuse_colours(path, image)
         values, kind = np.asarray(image.convert("L"), dtype=np.float32), "levels"
     if values.ndim != 2 or min(values.shape) < 2:
-        raise ThermalImageError(f"{path}: {values.shape} values; an image has rows and columns")
+        raise ThermalImageError(
+            f"{path}: has the shape {values.shape}; an image has rows and columns"
+        )
     if not np.isfinite(values).all():
         raise ThermalImageError(f"{path}: contains values that are not finite")
     return values, kind
@@ -216,7 +220,7 @@ def is_coloured(rgb: NDArray[Any]) -> bool:
 def _refuse_colours(path: Path, image: "Image") -> None:
     if is_coloured(np.asarray(image.convert("RGB"))):
         raise ThermalImageError(
-            f"{path}: is a picture in colours; set the camera's palette to grey levels (white hot)"
+            f"{path}: is a colour picture; set the camera's palette to grey levels (white hot)"
         )
 
 
@@ -234,7 +238,7 @@ def _position(path: Path, gps: Mapping[int, Any]) -> Position:
         raise ThermalImageError(f"{path}: {NO_POSITION}") from None
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(altitude_m) < 20_000.0):
         raise ThermalImageError(
-            f"{path}: the GPS position in EXIF is {lat_deg}, {lon_deg}, {altitude_m} m"
+            f"{path}: the GPS position in EXIF is not valid: {lat_deg}, {lon_deg}, {altitude_m} m"
         )
     return lat_deg, lon_deg, -altitude_m if below else altitude_m
 

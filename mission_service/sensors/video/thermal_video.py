@@ -93,12 +93,14 @@ def source_of(settings: ThermalVideoSection) -> DatagramSource | FileSource:
     """Return the source of a video. Raises ScenarioError for unusable settings."""
     check_libraries()
     if settings.source is None:
-        raise ScenarioError(f"{settings.TABLE}.source is missing; give udpin:HOST:PORT or a file")
+        raise ScenarioError(
+            f"{settings.TABLE}.source is missing; set it to udpin:HOST:PORT or a file"
+        )
     if settings.hot_level is None and settings.grey_level_range_c is None:
-        raise ScenarioError(f"{settings.TABLE}: give grey_level_range_c or hot_level")
+        raise ScenarioError(f"{settings.TABLE}: set grey_level_range_c or hot_level")
     if "://" in settings.source:
         raise ScenarioError(
-            f"{settings.TABLE}.source: {settings.source} is a URL; give udpin:HOST:PORT or a file "
+            f"{settings.TABLE}.source: {settings.source} is a URL; use udpin:HOST:PORT or a file "
             "(FFmpeg converts other streams: docs/video.md)"
         )
     if not settings.source.startswith("udpin:"):

@@ -37,7 +37,7 @@ def _of_parts(counts: StreamCounts) -> str:
     """Return which parts of the stream are not used."""
     if counts.damaged_metadata:
         return (
-            f"{counts.damaged_metadata} of {counts.metadata} packets of metadata are not used: "
+            f"{counts.damaged_metadata} of {counts.metadata} metadata packets are not used: "
             f"{counts.metadata_reason}"
         )
     if counts.bad_pictures:

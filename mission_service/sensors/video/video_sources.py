@@ -49,12 +49,14 @@ class DatagramSource:
             self.close()
             return b""
         if len(data) % TS_BYTES or set(data[::TS_BYTES]) != {TS_SYNC}:
-            self.notice = f"datagrams of {sender[0]} are not MPEG transport packets without RTP"
+            self.notice = (
+                f"datagrams from {sender[0]} are not plain MPEG transport packets (without RTP)"
+            )
             return b""
         if self._sender is None:
             self._sender = sender
         if sender != self._sender:
-            self.notice = f"{sender[0]}:{sender[1]} sends to the same port and is not used"
+            self.notice = f"{sender[0]}:{sender[1]} sends to the same port and is ignored"
             return b""
         return data
 

@@ -158,7 +158,10 @@ class VideoStream:
 
     def _skip(self, taken: datetime) -> None:
         """Skip an access unit; those after it cannot be decoded until the next key frame."""
-        self.refuse(f"taken at {taken:%Y-%m-%d %H:%M:%S} UTC; {self._settings.TABLE}.max_age_s")
+        self.refuse(
+            f"taken at {taken:%Y-%m-%d %H:%M:%S} UTC, older than "
+            f"{self._settings.TABLE}.max_age_s allows"
+        )
         if self._decoder is not None:
             self._decoder.lose()
 
@@ -198,7 +201,10 @@ class VideoStream:
             return None
         beside = packets[max(number - 1, 0) : number] + packets[number + 1 : number + 2]
         if beside and not any(is_continuous(metadata, each) for _, each in beside):
-            self.refuse(f"metadata of {metadata.taken:%H:%M:%S} UTC differ from those beside them")
+            self.refuse(
+                f"metadata of {metadata.taken:%H:%M:%S} UTC differ from the metadata before and "
+                "after them"
+            )
             return None
         self._last_taken = metadata.taken
         try:
@@ -225,7 +231,7 @@ def image_of(
     name = f"{name} {metadata.taken:%H:%M:%S}"
     if is_coloured(frame.to_ndarray(format="rgb24")):
         raise MissionServiceError(
-            f"{name}: is a picture in colours; set the camera's palette to grey levels (white hot)"
+            f"{name}: is a colour picture; set the camera's palette to grey levels (white hot)"
         )
     values, kind = frame.to_ndarray(format="gray").astype(np.float32), "levels"
     if settings.grey_level_range_c is not None:
@@ -261,7 +267,7 @@ def _focal_px(metadata: VideoMetadata, width: int, height: int, name: str) -> fl
     if vertical_deg and abs(vertical_deg / expected_deg - 1.0) > MAX_FIELD_ERROR:
         raise MissionServiceError(
             f"{name}: tags 16 and 17, the fields of view, are {field_deg:.1f} and "
-            f"{vertical_deg:.1f}°, which does not fit {width} x {height} square pixels; give "
+            f"{vertical_deg:.1f}°, which do not fit {width} x {height} square pixels; set "
             "estimate.thermal_video.field_of_view_deg"
         )
     return focal_px

@@ -122,7 +122,7 @@ class Hazard:
         if np.isnan(at_s).any():
             x_m, y_m = nodes.reshape(-1, 2)[np.argmax(np.isnan(at_s))]
             raise MissionServiceError(
-                f"fire simulation: time of ignition at x {x_m:.1f}, y {y_m:.1f} is not a number, "
+                f"fire simulation: the ignition time at x {x_m:.1f}, y {y_m:.1f} is not a number, "
                 "which prevents planning; erase the last correction"
             )
         at_s = np.maximum(at_s, LONG_AGO_S).reshape(rows.size, cols.size)

@@ -118,7 +118,7 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
         return NoPlan("outside", "the vehicle is outside the fence; fly it back inside")
     on_ground = situation.height_m < ON_GROUND_M
     if on_ground and not air.margin_s((start, start)) >= settings.time_margin_s:
-        return NoPlan("danger", "fire is too near the vehicle on the ground")
+        return NoPlan("danger", "the fire is too close to the vehicle on the ground")
     area, lines_cut = situation.area, 0
     for _ in range(MAX_LINES):
         if area.is_empty:
@@ -140,12 +140,12 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
         if any(trip.why_ended == "spheres" for trip in trips):
             return NoPlan("spheres", "no spheres are left; reload them", lines_cut)
         if any(trip.why_ended == "battery" for trip in trips):
-            return NoPlan("battery", "the battery does not suffice for another drop; change it")
+            return NoPlan("battery", "the battery is too low for another drop; replace it")
         area, lines_cut = rest, lines_cut + 1
     else:
         raise MissionServiceError(
-            f"burn: more than {MAX_LINES} lines of {settings.line_spacing_m:g} m; make "
-            "line_spacing_m larger"
+            f"burn: more than {MAX_LINES} lines at a spacing of {settings.line_spacing_m:g} m; "
+            "increase line_spacing_m"
         )
     cut = f"; no drop is safe on {lines_cut} more lines" if lines_cut else ""
     return NoPlan("complete", f"burn complete{cut}", lines_cut)

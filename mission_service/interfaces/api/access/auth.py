@@ -87,7 +87,9 @@ def read_tokens(path: Path) -> tuple[User, ...]:
         ) from None
     names = [user.name for user in found]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise MissionServiceError(f"{path}: two tokens have the name {twice[0]}")
+        raise MissionServiceError(
+            f"{path}: two tokens have the name {twice[0]}; rename one of them"
+        )
     return found
 
 
@@ -114,7 +116,7 @@ def own_token(out: Path) -> str:
         raise MissionServiceError(f"{path}: cannot be read: {error.strerror}") from None
     if mode & 0o077:
         raise MissionServiceError(
-            f"{path}: other users may read it; remove it, and the service creates a new token"
+            f"{path}: other users can read it; remove it, and the service creates a new token"
         )
     if _TOKEN.fullmatch(token) is None:
         raise MissionServiceError(
@@ -175,7 +177,7 @@ class Tokens:
         try:
             self._users = read_tokens(self._path)
         except MissionServiceError as error:
-            log.warning("%s; the tokens from before the change stay valid", error)
+            log.warning("%s; the tokens from before the change remain valid", error)
 
 
 def _stamp(path: Path | None) -> tuple[int, ...]:

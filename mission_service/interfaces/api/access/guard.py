@@ -102,7 +102,7 @@ class AccessGuard:
                 scope["state"]["aborted"] = self._abort(user, query)
             limiter = self._limiter(scope)
             if limiter is not None and not limiter.acquire(client):
-                text = f"too many concurrent requests; {limiter.limits}; repeat it later"
+                text = f"too many concurrent requests; {limiter.limits}; try again later"
                 raise ApiError(503, text, {"retry-after": "1"})
         except ApiError as error:
             await _refuse(bounded, error)
@@ -153,7 +153,7 @@ class AccessGuard:
         host = given[0].decode("latin-1").lower() if len(given) == 1 else ""
         name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
         if name not in self._hosts and not _is_own_address(name.strip("[]"), server):
-            raise ApiError(403, "wrong Host: use the service's address or a name in hosts")
+            raise ApiError(403, "wrong Host header: use the service's address or a name in `hosts`")
         return host
 
     def _user_of(self, given: list[bytes], client: str) -> User:
@@ -266,10 +266,10 @@ def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str])
     """Refuse requests from pages of other sites, based on the headers that browsers send."""
     for origin in headers.get(b"origin", []):
         if origin.decode("latin-1").lower() not in own:
-            raise ApiError(403, "pages of other origins may not use the service")
+            raise ApiError(403, "pages from other origins may not use the service")
     for site in headers.get(b"sec-fetch-site", []):
         if site.lower() not in (b"same-origin", b"none"):
-            raise ApiError(403, "pages of other sites may not use the service")
+            raise ApiError(403, "pages from other sites may not use the service")
 
 
 def _refuse_long(given: list[bytes]) -> None:

@@ -48,17 +48,19 @@ def pack(
     area = common(box, basemap.bounds)
     if area is None:
         edges = ", ".join(f"{each:.4f}" for each in basemap.bounds)
-        raise MissionServiceError(f"{source.path}: contains nothing of the area; it has {edges}")
+        raise MissionServiceError(f"{source.path}: does not cover the area; it covers {edges}")
     highest = min(max_zoom, basemap.max_zoom)
     if highest < basemap.min_zoom:
-        raise MissionServiceError(f"{source.path}: begins at zoom {basemap.min_zoom}")
+        raise MissionServiceError(
+            f"{source.path}: begins at zoom {basemap.min_zoom}, above --max-zoom"
+        )
     wanted: list[tuple[int, tuple[int, int, int]]] = []
     for place in tiles_in(area, basemap.min_zoom, highest):
         wanted.append((zxy_to_tileid(*place), place))
         if len(wanted) > MAX_TILES:
             raise MissionServiceError(
-                f"{source.path}: the area has more than {MAX_TILES} tiles; give a smaller area or "
-                "a lower --max-zoom"
+                f"{source.path}: the area has more than {MAX_TILES} tiles; choose a smaller area "
+                "or a lower --max-zoom"
             )
     wanted.sort()
     count = 0

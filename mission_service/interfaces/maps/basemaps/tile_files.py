@@ -81,10 +81,12 @@ class PmtilesFile:
             with self._reader() as reader:
                 header, self.metadata = reader.header(), reader.metadata()
         except Exception as error:  # the library raises many classes of errors for damaged files
-            raise MissionServiceError(f"{path}: not a PMTiles file of version 3: {error}") from None
+            raise MissionServiceError(f"{path}: not a PMTiles version 3 file: {error}") from None
         self.tile_type = header["tile_type"]
         if self.tile_type not in TYPES:
-            raise MissionServiceError(f"{path}: tiles of an unknown type; MVT or images are usable")
+            raise MissionServiceError(
+                f"{path}: unknown tile type; use vector tiles (MVT) or images"
+            )
         self._compression = header["tile_compression"]
         degrees = tuple(header[f"{each}_e7"] / 1e7 for each in _EDGES)
         self.basemap = Basemap(
@@ -131,7 +133,7 @@ class MbtilesFile:
         kind = str(self.metadata.get("format", "")).lower()
         if kind not in OF_MBTILES or lowest is None:
             usable = ", ".join(sorted(OF_MBTILES))
-            raise MissionServiceError(f"{path}: no tiles in a usable format ({usable})")
+            raise MissionServiceError(f"{path}: no tiles in a supported format ({usable})")
         self.tile_type = OF_MBTILES[kind]
         try:
             described = json.loads(self.metadata.get("json", "{}"))
@@ -210,7 +212,9 @@ def tile_file(path: Path) -> TileFile:
     """Open a file of map tiles. Raises MissionServiceError."""
     kind = OF_SUFFIX.get(path.suffix.lower())
     if kind is None:
-        raise MissionServiceError(f"{path}: not a basemap; give {', '.join(OF_SUFFIX)}")
+        raise MissionServiceError(
+            f"{path}: not a basemap; use a file of type {', '.join(OF_SUFFIX)}"
+        )
     if not path.is_file():
         raise MissionServiceError(f"{path}: no such file")
     return kind(path)
