@@ -8,8 +8,8 @@ restart or a change of its network. The new binding also raises an alarm, unless
 because a verified signature proves the sender. When a remote that was bound earlier sends again, it
 takes precedence, and the messages from remotes bound later are no longer used.
 
-The binding cannot detect whether the first remote is the vehicle. If a forger sends before the
-vehicle, the alarm remains until the forger stops. Only a signed link prevents such forgery.
+The binding cannot detect whether the first remote is the vehicle. If an impostor transmits before
+the vehicle, the alarm remains until the impostor stops. Only a signed link prevents this.
 
 On a link that connects to one address (``udpout``), that address takes precedence over all others.
 """

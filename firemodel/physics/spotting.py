@@ -183,7 +183,7 @@ def crown_flame_height_m(canopy_m: float, wind_m_s: float, intensity_kw_m: float
 
 
 class Plume(NamedTuple):
-    """The bent plume above a flame, in units of canopy height and of wind at the canopy top."""
+    """The bent plume above a flame, scaled by the canopy height and the wind at the canopy top."""
 
     wind: float  # as a Froude number
     flame_height: float

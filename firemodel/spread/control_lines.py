@@ -66,4 +66,4 @@ def _lines(geometries: Iterable[BaseGeometry]) -> Iterable[BaseGeometry]:
         elif hasattr(geometry, "geoms"):
             yield from _lines(geometry.geoms)
         else:
-            raise FireModelError(f"control line: is a {geometry.geom_type}, not a line")
+            raise FireModelError(f"the control line is a {geometry.geom_type}, not a line")

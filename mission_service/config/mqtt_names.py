@@ -46,7 +46,7 @@ def check_prefix(prefix: str, option: str = "--prefix") -> str:
     """Return the topic prefix unchanged; raise MissionServiceError for an invalid prefix."""
     if re.fullmatch(r"[^/+#$\s\0][^+#\s\0]*(?<!/)", prefix) is None:
         raise MissionServiceError(
-            f"{option} {prefix}: write the beginning of a topic, as in uav/east"
+            f"{option} {prefix}: not a valid topic prefix; use a form such as uav/east"
         )
     return prefix
 

@@ -66,7 +66,7 @@ class PlaceChecks:
         place: Part,
         airspace: Airspace,
     ) -> HoldAt:
-        """Return a hold that is raised because of the ground, to replace one that is not free.
+        """Return a hold, raised to clear the ground, that replaces a hold in closed airspace.
 
         The result is the first of these that is free: 40 m above the ground under its circle,
         rather than the ground within twice its reach; in the vertical margin of a volume above; at

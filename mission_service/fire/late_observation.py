@@ -32,7 +32,7 @@ def with_observation(
     Args:
         fire: The fire; it is not modified.
         seen: The observation; its time may be earlier than that of the fire, but not later.
-        unburnable: (y, x) the grid cells that cannot burn.
+        unburnable: The grid cells (y, x) that cannot burn.
         begin: Starts a fire from its state (None if nothing has burned) and weather at the given
             time.
         weather: The weather since the time of the observation; the fire's weather may begin later.

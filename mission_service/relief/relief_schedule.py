@@ -4,7 +4,7 @@ Each of the ``on_task`` stations of the watch is a chain of sorties. The station
 first is served next: its next aircraft takes off as late as possible to arrive ``overlap_s`` before
 the departure of the current one or, if this is impossible, as early as possible. It takes the
 battery that was charged first and stays as long as its endurance permits; its battery then goes to
-the charger that is free first. The watch begins at time 0; takeoffs before it are negative.
+the charger that is free first. The watch begins at time 0; takeoff times before that are negative.
 """
 
 from bisect import insort

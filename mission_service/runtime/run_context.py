@@ -98,7 +98,7 @@ class RunContext:
         return self.service.state_view
 
     def ready(self) -> list[str]:
-        """Return the unmet conditions of operation, one line each; empty if all are met."""
+        """Return the operating conditions that are not met, one line each."""
         missing = [f"{name}: {why}" for name, why in self.not_ready.items()]
         trouble = self.service.recording.trouble
         return [*missing, f"journal: {trouble}"] if trouble else missing

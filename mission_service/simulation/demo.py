@@ -155,6 +155,6 @@ def _refuse_conflict(
         if conflict is not None:
             raise ScenarioError(
                 f"{scenario.name}: the first mission of {section.name} would enter {conflict}; "
-                "correct the airspace, or fly with run or sim, which route missions around closed "
-                "volumes where possible"
+                "correct the airspace, or fly with `run` or `sim`, which route missions around "
+                "closed volumes where possible"
             )

@@ -220,7 +220,7 @@ def _bad_files(folder: Path, land: Landscape) -> Iterator[tuple[Path, str]]:
     (folder / "alone.shx").unlink()
     yield folder / "alone.shp", ".shx file of the Shapefile is missing"
     write_mask(folder / "coarse.tif", land, np.eye(9), AT, 375.0)
-    yield folder / "coarse.tif", "its cells are 375 m wide, those of the landscape 30 m"
+    yield folder / "coarse.tif", "its cells are 375 m wide, but those of the landscape are 30 m"
     write_mask(folder / "other.tif", land, np.full((9, 9), 7), AT, 30.0)
     yield folder / "other.tif", "no cell with a value of burned_values"
 

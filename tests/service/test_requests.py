@@ -332,7 +332,7 @@ def test_who_has_left_a_burn_must_have_been_reported(tmp_path: Path, call: Call)
     home = world.context.scenario.vehicles[0]
     place = f"{home.home_lat_deg},{home.home_lon_deg}"
     left = ("person", "bob", place, "--gone", *station)
-    refused_in_one_line(call(world, *left), "person: no person 'bob' is in the unit")
+    refused_in_one_line(call(world, *left), "person: the unit contains no person named 'bob'")
     assert call(world, "person", "bob", place, "--radius", "5", *station).exit_code == 0
     assert call(world, *left).exit_code == 0
 

@@ -82,7 +82,7 @@ class BurnState:
             elif len(people) == len(self.unit.people):
                 names = ", ".join(each.name for each in people) or "none"
                 raise MissionServiceError(
-                    f"no person {event.name!r} is in the unit; people in the unit: {names}"
+                    f"the unit contains no person named {event.name!r}; its people are {names}"
                 )
             self.unit = self.unit.with_people(tuple(people))
         self._air = None

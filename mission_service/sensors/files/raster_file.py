@@ -46,8 +46,8 @@ def raster_contents(path: Path, landscape: Landscape, settings: FileSettings) ->
     cell_m = _cell_size_m(band, landscape)
     if cell_m > MAX_WIDER * landscape.cell_size_m:
         raise FireModelError(
-            f"{path}: its cells are {cell_m:.0f} m wide, those of the landscape "
-            f"{landscape.cell_size_m:g} m; send coarse detections as pixels (CSV of FIRMS)"
+            f"{path}: its cells are {cell_m:.0f} m wide, but those of the landscape are "
+            f"{landscape.cell_size_m:g} m wide; send coarse detections as pixels (FIRMS CSV)"
         )
     state = _on_grid(band, _states(band, settings), cell_m, landscape)
     if not (state != UNSEEN).any():

@@ -1,4 +1,4 @@
-"""Adjust the poses of overlapping images to each other by least squares. Pure.
+"""Jointly adjust the poses of overlapping images by least squares. Pure.
 
 The tie points of the images (``frame_matching``) determine differences between the errors of the
 poses. The adjustment is the mean of a Gaussian posterior: the stated standard deviations are the
