@@ -5,7 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from autopilot_bridge.stacks.return_flight import true_airspeed_factor
 from autopilot_bridge.vehicle.client_events import Position, Speed
@@ -13,10 +15,11 @@ from mission_service.config.scenario import load_scenario
 from mission_service.events import AirDataMeasured, WindMeasured
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import SegmentReader
-from mission_service.runtime.air_data import AirData
+from mission_service.runtime.air_data import AirData, fitted_air
 from mission_service.simulation import sim
 from tests.service.landing_core import CRUISE_M, Vehicles
 
+Floats = NDArray[np.float64]
 AIRSPEED_M_S, FACTOR, ALTITUDE_M = 20.0, 1.06, 600.0
 WIND_M_S, FROM_DEG = 9.0, 240.0
 
@@ -101,3 +104,53 @@ def test_the_air_is_measured_in_a_flight_along_a_front(tmp_path: Path) -> None:
     wind = [each for each in contents if isinstance(each, WindMeasured)][-1]
     assert last.wind_speed_m_s == pytest.approx(wind.speed_m_s, abs=0.5)
     assert 0.99 < last.true_airspeed_factor < 1.06
+
+
+def samples_of(headings_deg: list[float], wind_m_s: tuple[float, float], seed: int) -> Floats:
+    """Return one sample a second on these headings at a true airspeed of 22 m/s."""
+    rng = np.random.default_rng(seed)
+    heading_rad = np.radians(headings_deg)
+    gusts = rng.normal(0.0, 0.5, (2, len(headings_deg)))
+    north_m_s = 22.0 * np.cos(heading_rad) + wind_m_s[0] + gusts[0]
+    east_m_s = 22.0 * np.sin(heading_rad) + wind_m_s[1] + gusts[1]
+    airspeed_m_s = np.full(len(headings_deg), 22.0 / FACTOR)
+    return np.column_stack([np.arange(len(headings_deg)), north_m_s, east_m_s, airspeed_m_s])
+
+
+def legs_of(seed: int) -> tuple[list[float], tuple[float, float]]:
+    """Return headings on six random legs, one a second, and a random wind of 14 m/s."""
+    rng = Random(seed)
+    toward_rad, headings_deg = rng.uniform(0.0, math.tau), []
+    heading_deg = rng.uniform(0.0, 360.0)
+    for _ in range(6):
+        headings_deg += [heading_deg] * rng.randrange(20, 60)
+        heading_deg += rng.choice((-1.0, 1.0)) * rng.uniform(20.0, 170.0)
+    return headings_deg, (14.0 * math.cos(toward_rad), 14.0 * math.sin(toward_rad))
+
+
+def test_a_strong_wind_is_measured_without_a_false_value_before() -> None:
+    """Every value that is reported is right, from the first one."""
+    known = 0
+    for seed in range(30):
+        headings_deg, wind_m_s = legs_of(seed)
+        samples, found = samples_of(headings_deg, wind_m_s, seed), None
+        for count in range(10, len(samples), 10):
+            found = fitted_air(samples[:count], 1.0, found)
+            if found is not None:
+                assert found[:2] == pytest.approx(wind_m_s, abs=1.5)
+                assert found[2] == pytest.approx(FACTOR, abs=0.04)
+        known += found is not None
+    assert known >= 24
+
+
+def test_two_headings_agree_with_two_winds() -> None:
+    samples = samples_of([0.0] * 60 + [120.0] * 60, (5.0, 0.0), 1)
+    assert fitted_air(samples, FACTOR) is None
+
+
+def test_outliers_have_little_weight() -> None:
+    samples = samples_of([3.0 * number for number in range(200)], (5.0, 0.0), 1)
+    samples[::10, 1] += 30.0
+    found = fitted_air(samples, FACTOR)
+    assert found is not None
+    assert found[:2] == pytest.approx((5.0, 0.0), abs=0.5)
