@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.ops import substring
 
-from autopilot_bridge.items import AMSL_FRAMES, Items, has_position
+from autopilot_bridge.items import AMSL_FRAMES, Items, has_position, waypoint
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
@@ -72,7 +72,7 @@ class Evasions:
         beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
         # If there is no other way out, a plane may fly towards rising ground, or enter another
-        # volume during its turn.
+        # volume during its turn, and a multirotor may climb first.
         found, drawbacks = None, (True, True)
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
@@ -84,7 +84,8 @@ class Evasions:
                     continue
                 turn = self._space.of_mission(vehicle, places)
                 turns_into = self._enters_another(places, fix, airspace, turn) is not None
-                of_this = (items != planned, turns_into)
+                climbs = math.dist(places[0].position[:2], (fix.x_m, fix.y_m)) < 1.0
+                of_this = (items != planned or climbs, turns_into)
                 if found is None or of_this < drawbacks:
                     found, drawbacks = (path, way, places), of_this
             if drawbacks == (False, False):
@@ -205,41 +206,45 @@ class Evasions:
         high as necessary.
         """
         items = self._guidance.items(vehicle, path[1:], fix)
-        start, end = position_of(fix), self._space.route(vehicle, items)[0].position
-        if vehicle.section.winged or self._is_clear(vehicle, start, end):
+        start, places = position_of(fix), self._space.route(vehicle, items)
+        if vehicle.section.winged or self._is_clear(vehicle, start, places):
             return items
-        planned = self._guidance.items(vehicle, path, fix)
-        return self._after_least_climb(vehicle, planned, start, end)
+        lat_deg, lon_deg = map(float, self._landscape.lat_lon_of(*start[:2]))
+        climb = waypoint(lat_deg, lon_deg, self._least_climb_m(vehicle, start, places))
+        return (*items[: places[0].seq], climb, *items[places[0].seq :])
 
-    def _after_least_climb(
-        self, vehicle: Vehicle, items: Items, start: Position, end: Position
-    ) -> Items:
-        """Lower the first waypoint, at which a multirotor climbs, as far as the terrain permits."""
-        first = next(seq for seq, item in enumerate(items) if has_position(item.command))
-        x_m, y_m, planned_m = self._space.route(vehicle, items)[0].position
-        ground_m = float(self._landscape.elevation_at(x_m, y_m))
+    def _least_climb_m(
+        self, vehicle: Vehicle, start: Position, places: Sequence[MissionPlace]
+    ) -> float:
+        """Return the lowest altitude for a multirotor's climb at its place before it flies on."""
+        ground_m = float(self._landscape.elevation_at(*start[:2]))
         low_m = max(ground_m + LEVEL_CLEARANCE_M, start[2])
-        for altitude_m in np.arange(low_m, planned_m, CLIMB_STEP_M).round(1).tolist():
-            if self._is_clear(vehicle, (x_m, y_m, altitude_m), end):
-                lower = replace(items[first], z=altitude_m)
-                return (*items[:first], lower, *items[first + 1 :])
-        return items
+        high_m = max(low_m, *(place.position[2] for place in places))
+        for altitude_m in np.arange(low_m, high_m, CLIMB_STEP_M).round(1).tolist():
+            if self._is_clear(vehicle, (*start[:2], altitude_m), places):
+                return float(altitude_m)
+        return round(high_m, 1)
 
-    def _is_clear(self, vehicle: Vehicle, start: Position, end: Position) -> bool:
-        """Return whether no part of a straight climb is too near to the ground.
+    def _is_clear(self, vehicle: Vehicle, start: Position, places: Sequence[MissionPlace]) -> bool:
+        """Return whether no part of the climb along a mission is too near to the ground.
 
-        Too near is nearer than either end, and nearer than ``LEVEL_CLEARANCE_M``. A multirotor may
-        not reduce its speed in a climb, and is then below the straight line.
+        Too near is nearer than either end of a leg, and nearer than ``LEVEL_CLEARANCE_M``. A
+        multirotor may not reduce its speed in a climb, and is then below the straight line.
         """
-        length_m = math.dist(start[:2], end[:2])
-        count = math.ceil(2.0 * length_m / self._landscape.cell_size_m) + 2
-        line = np.linspace(start, end, count)
         gradient = vehicle.section.climb_m_s / fastest_m_s(vehicle)
-        climbed_m = start[2] + gradient * np.linspace(0.0, length_m, count)
-        ground_m = self._landscape.elevation_at(line[:, 0], line[:, 1])
-        heights_m = np.minimum(line[:, 2], climbed_m) - ground_m
-        least_m = min(heights_m[0], end[2] - ground_m[-1], LEVEL_CLEARANCE_M)
-        return bool(heights_m.min() >= least_m - 1.0)
+        flown_m, from_m = 0.0, start
+        for end in (place.position for place in places):
+            length_m = math.dist(from_m[:2], end[:2])
+            count = math.ceil(2.0 * length_m / self._landscape.cell_size_m) + 2
+            line = np.linspace(from_m, end, count)
+            climbed_m = start[2] + gradient * (flown_m + np.linspace(0.0, length_m, count))
+            ground_m = self._landscape.elevation_at(line[:, 0], line[:, 1])
+            heights_m = np.minimum(line[:, 2], climbed_m) - ground_m
+            least_m = min(from_m[2] - ground_m[0], end[2] - ground_m[-1], LEVEL_CLEARANCE_M)
+            if heights_m.min() < least_m - 1.0:
+                return False
+            flown_m, from_m = flown_m + length_m, end
+        return True
 
     def free_hold(
         self,

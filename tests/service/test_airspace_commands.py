@@ -217,18 +217,66 @@ def test_a_vehicle_restarted_below_the_altitude_of_its_home_leaves_too(
     assert ("leave closed airspace" in [each.why for each in sent]) is leaves
 
 
-def test_a_low_multirotor_before_rising_ground_climbs_no_higher_than_necessary() -> None:
+def least_height_m(flight: Flight, terrain: Terrain, mission: UploadMission) -> float:
+    """Return the least height on the way of a multirotor that does not slow down to climb."""
+    section = flight.core.scenario.vehicles[0]
+    ground_m = float(terrain.ground_m(*flight.place_m))
+    altitude_m, here_m = GROUND_M + flight.height_m, flight.place_m
+    found = [altitude_m - ground_m]
+    for item in mission.items:
+        if not has_position(item.command) or item.frame not in (0, 5):
+            continue
+        place_m = plane_m(item.x / 1e7, item.y / 1e7)
+        length_m = math.dist(here_m, place_m)
+        if length_m < 1.0:  # it climbs at its place
+            altitude_m = item.z
+            continue
+        for number in range(101):
+            share = number / 100.0
+            climbed_m = section.climb_m_s / section.airspeed_m_s * length_m * share
+            up_m = min(altitude_m + share * (item.z - altitude_m), altitude_m + climbed_m)
+            east_m, north_m = (
+                one + share * (other - one) for one, other in zip(here_m, place_m, strict=True)
+            )
+            found.append(up_m - float(terrain.ground_m(east_m, north_m)))
+        altitude_m, here_m = up_m, place_m
+    return min(found)
+
+
+def test_a_low_multirotor_between_hills_climbs_no_higher_than_necessary() -> None:
     """It flies faster than it climbs: on a straight line to the loiter it would hit the ground."""
-    hill = Terrain(GROUND_M, hills=((350.0, 0.0, 200.0, 60.0),))
-    flight = Flight((0.0, 0.0), 19.0, 'vehicles.0.kind="copter"', terrain=hill)
-    flight.close("here", (-60.0, 0.0), 150.0)
+    hills = tuple(
+        (350.0 * math.sin(turn), 350.0 * math.cos(turn), 200.0, 100.0) for turn in range(7)
+    )
+    terrain = Terrain(GROUND_M, hills=hills)
+    flight = Flight((0.0, 0.0), 19.0, 'vehicles.0.kind="copter"', terrain=terrain)
+    flight.close("here", (0.0, 0.0), 100.0)
     (leaves,) = of_kind(UploadMission, flight.report(19.0))
     first, last = (item for item in leaves.items if item.command in (16, 17))
-    here_m = plane_m(first.x / 1e7, first.y / 1e7)
-    assert math.dist(here_m, (0.0, 0.0)) < 1.0
+    assert math.dist(plane_m(first.x / 1e7, first.y / 1e7), (0.0, 0.0)) < 1.0
     assert GROUND_M + 30.0 <= first.z < last.z - 20.0
-    length_m = math.dist(here_m, plane_m(last.x / 1e7, last.y / 1e7))
-    climbed = 3.0 / flight.core.scenario.vehicles[0].airspeed_m_s
-    for east_m in range(0, round(length_m), 10):
-        altitude_m = min(first.z + climbed * east_m, last.z)
-        assert altitude_m - hill.ground_m(float(east_m), 0.0) >= 20.0
+    assert least_height_m(flight, terrain, leaves) >= 15.0  # as low as it is now
+
+
+def test_a_low_multirotor_prefers_a_way_out_without_a_climb() -> None:
+    hill = Terrain(GROUND_M, hills=((350.0, 0.0, 200.0, 60.0),))
+    flight = Flight((0.0, 0.0), 19.0, 'vehicles.0.kind="copter"', terrain=hill)
+    flight.close("here", (-60.0, 0.0), 150.0)  # the hill is on the shortest way out
+    (leaves,) = of_kind(UploadMission, flight.report(19.0))
+    assert math.hypot(*loiter_of(leaves)) > 100.0
+    assert least_height_m(flight, hill, leaves) >= 18.0
+
+
+def test_a_climb_before_the_way_home_clears_all_its_legs() -> None:
+    """The first corner is near, and would be dropped from a mission that begins with a climb."""
+    terrain = Terrain(GROUND_M, hills=((115.4, 77.7, 218.2, 176.2), (445.7, 220.9, 140.4, 179.1)))
+    place_m = (-62.3, 254.4)
+    height_m = float(terrain.ground_m(*place_m)) - GROUND_M + 24.2
+    flight = Flight(place_m, height_m, 'vehicles.0.kind="copter"', terrain=terrain)
+    flight.report(height_m)
+    flight.close("here", (10.0, 335.4), 89.7)
+    flight.close("on the way", (553.3, 507.8), 54.5)
+    commands = flight.order("return") + flight.report(height_m)
+    home = of_kind(UploadMission, commands)[-1]
+    assert home.why == "fly home clear of closed airspace and terrain"
+    assert least_height_m(flight, terrain, home) >= 20.0
