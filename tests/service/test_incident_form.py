@@ -2,6 +2,9 @@
 
 import http.client
 import json
+import shlex
+import socket
+import struct
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +20,7 @@ from mission_service.interfaces.incident_form.form_options import LayerFile
 from tests.patience import PATIENCE_S
 from tests.service.test_cli import call
 
-FORM = {
+FORM: dict[str, Any] = {
     "box": "-84.2,36.32,-84.1,36.4",
     "wind": "5,225",
     "ignitions": ["36.35,-84.15"],
@@ -93,6 +96,9 @@ def test_a_completed_form_makes_a_scenario_and_ends_the_server(site: Site) -> No
         ({"landscape": "../../etc/passwd", "box": ""}, "no such file"),
         ({"colour": "red"}, "colour"),
         ({"hours": "-1"}, "hours"),
+        ({"hours": "nan"}, "hours"),
+        ({"fuel_model": "9" * 30}, "fuel-model"),
+        ({"aircraft": ["hawk,px4,plane,36.36,-84.14,127.0.0.1:14550"]}, "link"),
     ],
 )
 def test_a_wrong_form_is_refused_and_nothing_is_written(
@@ -151,12 +157,60 @@ def test_an_upload_that_ends_early_is_not_stored(site: Site) -> None:
     assert list(site.folder.iterdir()) == []
 
 
+def test_a_large_refused_upload_gets_the_reason(site: Site) -> None:
+    status, reply = site.ask("PUT", "/files/.bad", b"x" * 5_000_000)
+    assert (status, "rename the file" in reply["error"]) == (422, True)
+
+
+def test_a_defect_is_reported_and_the_form_remains(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(options: list[str]) -> dict[str, Any]:
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr(site.server, "create", broken)
+    assert site.post() == (500, {"error": "internal error: ZeroDivisionError: a defect"})
+    monkeypatch.undo()
+    assert site.post()[0] == 200
+
+
+def test_the_form_ends_after_saving_if_the_tab_was_closed_meanwhile(site: Site) -> None:
+    body = json.dumps(FORM).encode()
+    head = (
+        f"POST /incident HTTP/1.1\r\nhost: 127.0.0.1:{site.server.server_port}\r\n"
+        f"authorization: Bearer {TOKEN}\r\ncontent-length: {len(body)}\r\n\r\n"
+    )
+    with socket.create_connection(("127.0.0.1", site.server.server_port)) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        connection.sendall(head.encode() + body)
+    site.thread.join(PATIENCE_S)
+    assert not site.thread.is_alive()
+    assert site.file.exists()
+
+
+def test_a_layer_is_given_only_once(site: Site) -> None:
+    site.ask("PUT", "/files/fuel.tif", b"x")
+    layers = [{"name": "fuel", "file": "fuel.tif"}] * 2
+    status, reply = site.post(box="", layers=layers)
+    assert (status, "only once" in reply["error"]) == (422, True)
+
+
+def test_the_next_command_can_be_pasted_for_any_file_name(tmp_path: Path) -> None:
+    for name in ("my fire.toml", "🔥.toml", "-x.toml", "a;b.toml"):
+        options = [f"--{key}={FORM[key]}" for key in ("box", "wind")]
+        options += [f"--ignition={FORM['ignitions'][0]}", f"--vehicle={FORM['aircraft'][0]}"]
+        shown = incident_commands.created_by_form(tmp_path / name, options)
+        assert shlex.split(shown["next"])[2] == str(tmp_path / name)
+        assert load_scenario(str(tmp_path / name)).name == name.removesuffix(".toml")
+
+
 def test_the_page_is_served_with_a_content_security_policy(site: Site) -> None:
     connection = http.client.HTTPConnection("127.0.0.1", site.server.server_port, timeout=60)
-    connection.request("GET", "/")
-    reply = connection.getresponse()
-    assert reply.read() == b"the form"
-    assert "default-src 'none'" in reply.headers["content-security-policy"]
+    for path in ("/", "/?a=1"):
+        connection.request("GET", path)
+        reply = connection.getresponse()
+        assert reply.read() == b"the form"
+        assert "default-src 'none'" in reply.headers["content-security-policy"]
     connection.close()
 
 

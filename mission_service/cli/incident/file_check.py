@@ -5,6 +5,7 @@ from typing import Any
 
 def checked(file: str, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the summary of a scenario, with its warnings. Raises ScenarioError."""
+    from autopilot_bridge.errors import BridgeError
     from firemodel.errors import FireModelError
     from mission_service.airspace.volumes import require_homes_inside, volumes_of
     from mission_service.config.rule_lookup import own_ways
@@ -23,6 +24,10 @@ def checked(file: str, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
             from mission_service.core.core import Core
 
             Core(loaded, landscape)  # also creates the planners of other packages
-    except (FireModelError, MissionServiceError) as error:  # the error text does not name the file
+    except (
+        BridgeError,
+        FireModelError,
+        MissionServiceError,
+    ) as error:  # the error text does not name the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
     return summary

@@ -1,6 +1,9 @@
 """Defines ``mission-service incident``, which creates the scenario file for a new incident."""
 
+import contextlib
+import math
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -84,7 +87,13 @@ def incident() -> None:
 @click.option(
     "--box", type=bounding_box, metavar="W,S,E,N", help="Level ground in this area (degrees)."
 )
-@click.option("--fuel-model", type=int, default=2, show_default=True, help="Fuel of --box.")
+@click.option(
+    "--fuel-model",
+    type=click.IntRange(0, 1000),
+    default=2,
+    show_default=True,
+    help="Fuel of --box.",
+)
 @click.option("--landscape", type=FILE, help="An .lcp file, or one raster file with all layers.")
 @click.option(
     "--layer", "layers", type=LAYER, multiple=True, metavar="NAME=FILE",
@@ -155,20 +164,29 @@ def new(file: Path, as_json: bool, **given: Any) -> None:
     show_default="a free port",
     help="Port on loopback.",
 )
-@click.option("--no-browser", is_flag=True, help="Print the address only.")
+@click.option(
+    "--no-browser",
+    is_flag=True,
+    help="Print the address only. Otherwise, other users of this machine can see its token in the "
+    "command line of the browser.",
+)
 def page(file: Path, port: int, no_browser: bool) -> None:
     """Make and check the scenario FILE of a new incident in a form in the browser.
 
     The page is served on this machine until the scenario has been saved, or until Ctrl-C. Files
     that are chosen in the form are copied to a folder beside FILE.
     """
-    import contextlib
     import secrets
+    import signal
     import webbrowser
+    from threading import Thread
 
     from mission_service.interfaces.incident_form import FormServer, uploads_of
 
     _refuse_existing(file)
+    for name in ("SIGTERM", "SIGHUP"):  # SIGHUP: the terminal was closed
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.default_int_handler)
     create = partial(created_by_form, file)
     with uploads_of(file) as folder:
         with (
@@ -176,9 +194,11 @@ def page(file: Path, port: int, no_browser: bool) -> None:
             contextlib.suppress(KeyboardInterrupt),
         ):
             click.echo(f"form for {file}: {server.address}")
-            if not no_browser:
-                webbrowser.open(server.address)
+            if not no_browser:  # in a thread, because a text browser ends only with the form
+                Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
             server.serve_forever()
+        with server.creating:  # a check may still be in progress
+            server.creating_allowed = False
         if server.saved is None:
             raise MissionServiceError(f"{file}: not saved")
         click.echo(f"{file}: checked. Next: {server.saved['next']}")
@@ -187,7 +207,7 @@ def page(file: Path, port: int, no_browser: bool) -> None:
 def created_by_form(file: Path, options: list[str]) -> dict[str, Any]:
     """Create the scenario file from the form's options; return what the page shows."""
     try:
-        given = new.make_context("new", [str(file), *options]).params
+        given = new.make_context("new", [*options, "--", str(file)]).params
         del given["file"], given["as_json"]
         summary = _created(file, given, asks=False)
     except click.ClickException as error:
@@ -206,23 +226,29 @@ def _created(file: Path, given: dict[str, Any], asks: bool) -> dict[str, Any]:
     from mission_service.cli.incident.scenario_text import scenario_text
 
     _refuse_existing(file)
+    text = scenario_text(_incident(file, given, asks))
     made = file.with_name(f".{file.name}.new")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    made.write_text(scenario_text(_incident(file, given, asks)), encoding="utf-8")
     try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        made.write_text(text, encoding="utf-8")
         summary = checked(str(made))
+        made.replace(file)
+    except OSError as error:
+        raise MissionServiceError(f"{file}: cannot be written: {error.strerror}") from None
     except Exception as error:
-        made.unlink()
         raise _of_file(error, made, file) from None
-    made.replace(file)
+    finally:
+        with contextlib.suppress(OSError):
+            made.unlink(missing_ok=True)
     return summary
 
 
 def _next_command(file: Path, is_real: bool) -> str:
     """Return the command to try next; in a simulation the aircraft take off without an order."""
+    name = shlex.quote(str(file))
     if is_real:
-        return f"mission-service run {file} --out out/live"
-    return f"mission-service sim {file} --set vehicles.0.autostart=true"
+        return f"mission-service run {name} --out out/live"
+    return f"mission-service sim {name} --set vehicles.0.autostart=true"
 
 
 def _of_file(error: Exception, made: Path, file: Path) -> Exception:
@@ -244,6 +270,10 @@ def _incident(file: Path, given: dict[str, Any], asks: bool) -> Any:
     def relative(path: Path | None) -> str | None:
         return None if path is None else Path(os.path.relpath(path, file.parent)).as_posix()
 
+    for option, pairs in (("--layer", given["layers"]), ("--unit", given["units"])):
+        names = [name for name, _ in pairs]
+        if len(set(names)) < len(names):
+            raise click.UsageError(f"{option}: each name may be given only once")
     layers = {name: relative(Path(path)) or "" for name, path in given["layers"]}
     box = given["box"]
     _refuse_several(("--box", box), ("--landscape", given["landscape"]), ("--layer", layers))
@@ -255,6 +285,8 @@ def _incident(file: Path, given: dict[str, Any], asks: bool) -> Any:
         )
     if box is not None and not all(MIN_CELLS <= each <= MAX_CELLS for each in grid_of(box)):
         raise click.UsageError("--box: each side of the area must be 600 m to 120 km long")
+    if not math.isfinite(given["hours"]):
+        raise click.UsageError("--hours: must be a number from 0.1 to 2000")
     wind, ignitions = given["wind"], given["ignitions"]
     if wind is None and given["weather"] is None:
         wind = _asked("Wind as SPEED,FROM (m/s, degrees)", WIND, "--wind or --weather", asks)

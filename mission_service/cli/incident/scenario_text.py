@@ -152,4 +152,8 @@ def _table(name: str, values: dict[str, object]) -> str:
 
 def _value(value: object) -> str:
     """Return a value as TOML, which writes strings and numbers as JSON does."""
-    return value.isoformat() if isinstance(value, datetime) else json.dumps(value)
+    return (
+        value.isoformat()
+        if isinstance(value, datetime)
+        else json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    )

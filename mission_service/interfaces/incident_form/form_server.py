@@ -3,22 +3,27 @@
 import contextlib
 import hmac
 import json
+import logging
 import shutil
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import unquote, urlsplit
 
 import msgspec
 
-from mission_service.errors import MissionServiceError
+from autopilot_bridge.errors import BridgeError
+from firemodel.errors import FireModelError
+from mission_service.errors import MissionServiceError, in_words
 from mission_service.interfaces.api.access.guard import HEADERS
 from mission_service.interfaces.incident_form.form_options import FILE_NAME, Form, options_of
 from mission_service.interfaces.web.build import PAGE
 
+log = logging.getLogger(__name__)
 LOOPBACK = "127.0.0.1"
 FORM_PAGE = PAGE.with_name("incident.html")
 MAX_FORM_BYTES = 256 * 1024
@@ -50,13 +55,18 @@ def uploads_of(file: Path) -> Iterator[Path]:
         folder.mkdir(parents=True)
     except FileExistsError:
         raise MissionServiceError(
-            f"{folder}: already exists; choose another name for the scenario"
+            f"{folder}: already exists; choose another name for the scenario, or delete the folder "
+            "if it is left over from a form"
         ) from None
+    except OSError as error:
+        raise MissionServiceError(f"{folder}: cannot be created: {error.strerror}") from None
     try:
         yield folder
     finally:
-        if not file.exists() or not any(folder.iterdir()):
-            shutil.rmtree(folder)
+        for part in folder.glob(".*.part"):
+            part.unlink(missing_ok=True)
+        if not (file.exists() and folder.exists() and any(folder.iterdir())):
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 class FormServer(ThreadingHTTPServer):
@@ -81,7 +91,7 @@ class FormServer(ThreadingHTTPServer):
         if not page.is_file():
             raise MissionServiceError(f"{page}: the page was not built; run make web")
         self.folder, self.token, self.create = folder, token, create
-        self.creating = threading.Lock()
+        self.creating, self.creating_allowed = threading.Lock(), True
         self.saved: dict[str, Any] | None = None
         try:
             super().__init__((LOOPBACK, port), partial(_Requests, directory=str(page.parent)))
@@ -106,10 +116,13 @@ class _Requests(SimpleHTTPRequestHandler):
     server: FormServer
     timeout = SILENT_S
 
-    def do_GET(self) -> None:
-        if self.path == "/":
-            self.path = f"/{FORM_PAGE.name}"
-        super().do_GET()
+    def translate_path(self, path: str) -> str:
+        """Return the file at an address; the form is at ``/``."""
+        return super().translate_path(f"/{FORM_PAGE.name}" if urlsplit(path).path == "/" else path)
+
+    def list_directory(self, path: Any) -> None:
+        """Refuse to list a folder."""
+        self.send_error(404)
 
     def end_headers(self) -> None:
         for name, value in HEADERS.items():
@@ -130,16 +143,29 @@ class _Requests(SimpleHTTPRequestHandler):
             status, body = 200, act()
         except _RefusedError as error:
             status, body = error.args[0], {"error": error.args[1]}
-            self.close_connection = True  # the rest of the body is not read
+            self.close_connection = True
         content = json.dumps(body).encode()
-        self.send_response(status)
-        self.send_header("content-type", "application/json")
-        self.send_header("content-length", str(len(content)))
-        self.end_headers()
-        self.wfile.write(content)
-        if self.server.saved is not None:
+        try:
+            self.send_response(status)
+            self.send_header("content-type", "application/json")
+            self.send_header("content-length", str(len(content)))
+            self.end_headers()
+            self.wfile.write(content)
             self.wfile.flush()
-            threading.Thread(target=self.server.shutdown, daemon=True).start()
+            if self.close_connection:
+                self._discard_rest()
+        except OSError:  # the browser has closed the connection
+            self.close_connection = True
+        finally:
+            if self.server.saved is not None:
+                threading.Thread(target=self.server.shutdown, daemon=True).start()
+
+    def _discard_rest(self) -> None:
+        """Read the rest of a refused request; otherwise, the browser would not get the reason."""
+        self.connection.shutdown(socket.SHUT_WR)
+        for _ in range(MAX_FILE_BYTES // PART_BYTES):
+            if not self.connection.recv(PART_BYTES):
+                return
 
     def _check(self) -> None:
         """Raise _RefusedError for a request of another site or another user of this machine."""
@@ -152,7 +178,7 @@ class _Requests(SimpleHTTPRequestHandler):
 
     def _length(self, max_bytes: int) -> int:
         text = self.headers.get("content-length", "")
-        if not text.isdigit():
+        if not (text.isascii() and text.isdigit() and len(text) < 16):
             raise _RefusedError(411, "content-length is missing")
         if int(text) > max_bytes:
             raise _RefusedError(413, f"{text} bytes; at most {max_bytes} are accepted")
@@ -190,12 +216,15 @@ class _Requests(SimpleHTTPRequestHandler):
         except msgspec.MsgspecError as error:
             raise _RefusedError(422, str(error)) from error
         with self.server.creating:
-            if self.server.saved is not None:
-                raise _RefusedError(409, "the scenario has been saved already")
+            if self.server.saved is not None or not self.server.creating_allowed:
+                raise _RefusedError(409, "the form has ended")
             try:
                 saved = self.server.create(options_of(form, self.server.folder))
-            except MissionServiceError as error:
+            except (MissionServiceError, FireModelError, BridgeError) as error:
                 raise _RefusedError(422, str(error)) from error
+            except Exception as error:  # a defect must not end the form, whose user has typed much
+                log.exception("the form cannot be used")
+                raise _RefusedError(500, f"internal error: {in_words(error)}") from error
             self.server.saved = saved
         return saved
 

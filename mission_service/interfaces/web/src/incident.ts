@@ -104,8 +104,12 @@ const hint = (text: string): HTMLElement => h("p", { class: "hint" }, text);
 const edges = { west: number(), south: number(), east: number(), north: number() };
 const fuelModel = number("2", "1");
 const landscape = file(".lcp,.tif,.tiff");
+const chosenLayers = (): string[] =>
+  [...document.querySelectorAll<HTMLSelectElement>("select[data-layer]")].map((each) => each.value);
 const layers = new Rows(() => {
   const name = select(LAYERS.map((each) => [each, each]));
+  name.dataset.layer = "yes";
+  name.value = LAYERS.find((each) => !chosenLayers().includes(each)) ?? LAYERS[0]!;
   const raster = file(".tif,.tiff,.asc");
   const unit = select([["", t("as stated in the file")], ["percent", "percent"], ["degrees", "degrees"], ["metres", "metres"], ["feet", "feet"]]);
   return { name, raster, unit, element: group(labelled(t("Layer"), name), labelled(t("File"), raster, true), optional(t("Unit"), unit)) };
@@ -171,12 +175,15 @@ const aircraft = new Rows(() => {
 }, t("Add an aircraft"));
 
 const hours = number("6");
-const zero = h("input", { type: "datetime-local" });
-const offset = words(offsetOfBrowser());
+const zero = h("input", { type: "datetime-local", onchange: () => {
+  if (!offset.dataset.edited) offset.value = offsetAt(new Date(zero.value || Date.now()));
+} });
+const offset = words(offsetAt(new Date()));
+offset.addEventListener("input", () => (offset.dataset.edited = "yes"));
 
-/** The UTC offset of this browser: "-05:00". */
-function offsetOfBrowser(): string {
-  const minutes = -new Date().getTimezoneOffset();
+/** The UTC offset of this browser's time zone at a time: "-05:00". */
+function offsetAt(time: Date): string {
+  const minutes = -time.getTimezoneOffset();
   const part = (value: number): string => String(Math.floor(value)).padStart(2, "0");
   return `${minutes < 0 ? "-" : "+"}${part(Math.abs(minutes) / 60)}:${part(Math.abs(minutes) % 60)}`;
 }
@@ -214,9 +221,10 @@ function numbers(...fields: Field[]): number[] | null {
   return found.every(Number.isFinite) ? found : null;
 }
 
-/** The first field that is shown and must be completed. */
+/** The first field that is shown and must be completed or corrected. */
 const incomplete = (): Field | undefined =>
-  [...form.querySelectorAll<Field>("[required]")].find((field) => field.offsetParent !== null && !field.value.trim());
+  [...form.querySelectorAll<Field>("input, select")].find((field) =>
+    field.offsetParent !== null && (field.validity.badInput || (field.required && !field.value.trim())));
 
 function sketch(): void {
   noData.toggleAttribute("hidden", ground.is(0));
@@ -252,8 +260,13 @@ async function sent(field: HTMLInputElement, stem = ""): Promise<string> {
   const chosen = field.files?.[0];
   if (!chosen) return "";
   show("", t("Sending {name} …", { name: chosen.name }));
-  const plain = chosen.name.replace(/[^A-Za-z0-9._-]/g, "_").replace(/^[.-]+/, "_").slice(-60);
+  const plain = chosen.name.replace(/[^A-Za-z0-9._-]/g, "_").slice(-60).replace(/^[.-]+/, "_");
   const name = stem ? `${stem}_${plain}` : plain;
+  try {
+    await chosen.slice(0, 1).arrayBuffer();
+  } catch {
+    throw new Error(t("{name} has changed since it was chosen: choose it again", { name: chosen.name }));
+  }
   await send(`files/${encodeURIComponent(name)}`, "PUT", chosen);
   return name;
 }
