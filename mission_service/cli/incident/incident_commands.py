@@ -178,8 +178,6 @@ def page(file: Path, port: int, no_browser: bool) -> None:
     """
     import secrets
     import signal
-    import webbrowser
-    from threading import Thread
 
     from mission_service.interfaces.incident_form import FormServer, uploads_of
 
@@ -194,8 +192,8 @@ def page(file: Path, port: int, no_browser: bool) -> None:
             contextlib.suppress(KeyboardInterrupt),
         ):
             click.echo(f"form for {file}: {server.address}")
-            if not no_browser:  # in a thread, because a text browser ends only with the form
-                Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
+            if not no_browser:
+                server.open_in_browser()
             server.serve_forever()
         with server.creating:  # a check may still be in progress
             server.creating_allowed = False

@@ -7,6 +7,7 @@ import logging
 import shutil
 import socket
 import threading
+import webbrowser
 from collections.abc import Callable, Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -104,6 +105,10 @@ class FormServer(ThreadingHTTPServer):
     def address(self) -> str:
         """The address for the browser, with the token."""
         return f"http://{LOOPBACK}:{self.server_port}/#token={self.token}"
+
+    def open_in_browser(self) -> None:
+        """Open the page in a thread, because a text browser ends only after the form."""
+        threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
 
 
 class _RefusedError(Exception):
