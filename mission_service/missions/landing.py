@@ -41,6 +41,10 @@ PX4_MIN_GROUND_SPEED_M_S = 5.0
 # In seven simulated landings in a wind of 10 m/s, ArduPlane 4.6.2 came to rest between 12 m short
 # of its point and 5 m beyond it; the mean is this time multiplied by the headwind or tailwind.
 ARDUPLANE_SHORT_S = 0.7
+# Distances of two waypoints on the glide from its beginning. PX4 1.17 takes the setpoint before
+# LOITER_TO_ALT as the beginning of the glide if its return leads to the mission's landing and the
+# landing item follows the loiter: its plane then dives on another line, here 535 m short of home.
+PX4_GLIDE_M = (100.0, 200.0)
 NOTHING: BaseGeometry = shapely.Polygon()
 COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 
@@ -276,8 +280,11 @@ def clears(points_m: Floats, heights_m: Floats, home_m: Floats, landscape: Lands
 
 def approach_items(
     section: VehicleSection, landscape: Landscape, approach: Approach, touchdown: tuple[int, int]
-) -> tuple[MissionItem, MissionItem]:
-    """Return the loiter down to approach height, and the landing at a place in 1e-7 degrees."""
+) -> tuple[MissionItem, ...]:
+    """Return the loiter down to approach height, and the landing at a place in 1e-7 degrees.
+
+    For a PX4 plane there are two waypoints on the glide between them.
+    """
     relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
     return (
         MissionItem(
@@ -289,12 +296,35 @@ def approach_items(
             param2=section.loiter_radius_m,
             param4=1.0,  # along the tangent
         ),
+        *(_glide_items(section, landscape, approach) if needs_glide(section) else ()),
         MissionItem(
             mavlink.MAV_CMD_NAV_VTOL_LAND if section.kind == "vtol" else mavlink.MAV_CMD_NAV_LAND,
             relative,
             *touchdown,
             0.0,
         ),
+    )
+
+
+def needs_glide(section: VehicleSection) -> bool:
+    """Return whether waypoints on the glide precede the landing item."""
+    return section.stack == "px4" and section.kind == "plane"
+
+
+def _glide_items(
+    section: VehicleSection, landscape: Landscape, approach: Approach
+) -> tuple[MissionItem, ...]:
+    ahead = forward_of(approach.course_deg)
+    left = np.array([-ahead[1], ahead[0]])
+    begins_m = approach.centre_m + section.loiter_radius_m * left
+    return tuple(
+        MissionItem(
+            mavlink.MAV_CMD_NAV_WAYPOINT,
+            mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+            *place_e7(landscape, begins_m + along_m * ahead),
+            approach.height_m * (1.0 - along_m / approach.length_m),
+        )
+        for along_m in PX4_GLIDE_M
     )
 
 

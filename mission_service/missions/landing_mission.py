@@ -98,16 +98,17 @@ def landing_mission(
         _to_approach(section, landscape, approach, start_m, min_at),
     ]
     touchdown = place_e7(landscape, home_m - short_m)
-    down, land = approach_items(section, landscape, approach, touchdown)
+    *down, land = approach_items(section, landscape, approach, touchdown)
     if section.stack == "px4":
         items += [
             MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
-            *(down, land),
+            *down,
+            land,
         ]
     elif vtol:
-        items += [down, land, *_around_items(section, landscape, around_m, approach.height_m)[1:]]
+        items += [*down, land, *_around_items(section, landscape, around_m, approach.height_m)[1:]]
     else:  # DO_LAND_START would keep ArduPlane from arming later, if RTL_AUTOLAND is 0
-        items += [down, land, *_around_items(section, landscape, around_m, approach.height_m)]
+        items += [*down, land, *_around_items(section, landscape, around_m, approach.height_m)]
     lat_deg, lon_deg = landscape.lat_lon_of(float(around_m[0]), float(around_m[1]))
     return LandingMission(
         tuple(items),

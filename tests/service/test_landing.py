@@ -19,7 +19,12 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
 from mission_service.fire.scenario_fire import landscape_of, weather_of
 from mission_service.journal.journal_file import SegmentReader
-from mission_service.missions.landing import APPROACH_HEIGHTS_M, landing_of, needs_landing
+from mission_service.missions.landing import (
+    APPROACH_HEIGHTS_M,
+    GLIDE_DEG,
+    landing_of,
+    needs_landing,
+)
 from mission_service.missions.landing_mission import landing_mission
 from mission_service.simulation.demo import write_plan
 from mission_service.simulation.sim import simulate
@@ -53,7 +58,7 @@ def section(**more: object) -> VehicleSection:
 
 def course_deg(landscape: Landscape, plane: VehicleSection, wind_from_deg: float) -> float:
     """Return the course of the tangent from the loiter to the touchdown point."""
-    _, loiter, touchdown = landing_of(plane, landscape, (5.0, wind_from_deg))
+    _, loiter, *_, touchdown = landing_of(plane, landscape, (5.0, wind_from_deg))
     (x0, y0), (x1, y1) = (
         landscape.xy_of_lat_lon(item.x / 1e7, item.y / 1e7) for item in (loiter, touchdown)
     )
@@ -70,7 +75,7 @@ def test_on_even_ground_it_lands_into_the_wind(wind_from_deg: float) -> None:
 def test_px4_takes_every_item_and_the_glide() -> None:
     items = landing_of(section(), FLAT, (5.0, 270.0))
     assert check(items, stack_named("px4", "plane")) == []
-    _, loiter, touchdown = items
+    _, loiter, *_, touchdown = items
     centre, home = (FLAT.xy_of_lat_lon(i.x / 1e7, i.y / 1e7) for i in (loiter, touchdown))
     distance_m = math.dist(centre, home)
     glide_m = math.sqrt(distance_m**2 - loiter.param2**2)
@@ -85,7 +90,7 @@ def test_the_landing_is_short_of_home_by_the_distance_that_px4_floats(
 ) -> None:
     # PX4 lands at its minimum airspeed (10 m/s), but not slower over the ground than 5 m/s.
     wind = (wind_m_s, 30.0)
-    _, _, touchdown = landing_of(section(), FLAT, wind)
+    *_, touchdown = landing_of(section(), FLAT, wind)
     x_m, y_m = FLAT.xy_of_lat_lon(touchdown.x / 1e7, touchdown.y / 1e7)
     home_m = FLAT.xy_of_lat_lon(section().home_lat_deg, section().home_lon_deg)
     course = math.radians(30.0)
@@ -96,12 +101,34 @@ def test_the_landing_is_short_of_home_by_the_distance_that_px4_floats(
     assert only_landing.items[only_landing.final_seq] == touchdown
 
 
+def test_waypoints_on_the_glide_precede_px4s_landing_item() -> None:
+    """In a return PX4 1.17 takes the setpoint before the item before the landing as its start.
+
+    With the loiter directly before the landing this is a place far from the approach.
+    """
+    plane = section()
+    _, loiter, first, second, touchdown = landing_of(plane, FLAT, (5.0, 30.0))
+    assert (first.command, second.command) == (16, 16)
+    places = [FLAT.xy_of_lat_lon(i.x / 1e7, i.y / 1e7) for i in (loiter, first, second, touchdown)]
+    centre, *line = places
+    slope = math.tan(math.radians(GLIDE_DEG))
+    for item, place in zip((first, second), line, strict=False):
+        left_m = math.dist(place, line[-1])
+        assert item.z == pytest.approx(slope * left_m, abs=0.1)
+        assert item.z > 30.0
+        bearing = math.degrees(math.atan2(line[-1][0] - place[0], line[-1][1] - place[1]))
+        assert bearing == pytest.approx(30.0, abs=0.1)
+        # The plane leaves the loiter along the tangent that leads to these waypoints.
+        assert math.dist(centre, place) > plane.loiter_radius_m + 1.0
+    assert check(landing_of(plane, FLAT, (5.0, 30.0)), stack_named("px4", "plane")) == []
+
+
 def test_a_hill_on_the_approach_turns_it_aside() -> None:
     # There is a ridge to the west, 200 m high at distances above 500 m: course 90 passes over it.
     ridge = land(np.where(HOME_M[0] - 500.0 > X, 500.0, 300.0))
     course = course_deg(ridge, section(), 90.0)
     assert abs((course - 90.0 + 180.0) % 360.0 - 180.0) > 20.0
-    _, loiter, _ = landing_of(section(), ridge, (5.0, 90.0))
+    _, loiter, *_ = landing_of(section(), ridge, (5.0, 90.0))
     x_m, y_m = ridge.xy_of_lat_lon(loiter.x / 1e7, loiter.y / 1e7)
     turns = np.linspace(0.0, math.tau, 180)
     around = ridge.elevation_at(x_m + 90 * np.cos(turns), y_m + 90 * np.sin(turns))
@@ -110,7 +137,7 @@ def test_a_hill_on_the_approach_turns_it_aside() -> None:
 
 def test_low_hills_need_a_higher_approach() -> None:
     hills = land(np.where(np.hypot(X - HOME_M[0], Y - HOME_M[1]) > 700.0, 322.0, 300.0))
-    _, loiter, _ = landing_of(section(), hills, (5.0, 90.0))
+    _, loiter, *_ = landing_of(section(), hills, (5.0, 90.0))
     assert loiter.z > APPROACH_HEIGHTS_M[0]
 
 
@@ -205,7 +232,7 @@ def laid_for(scenario: Scenario, items: Sequence[MissionItem]) -> float | None:
         for wind_from_deg in (0.0, FIRST_DEG, LATER_DEG)
     }
     assert len({tuple(each) for each in places.values()}) == 3
-    flown = [(item.x, item.y) for item in items[-3:]]
+    flown = [(item.x, item.y) for item in items[-5:]]
     return next((wind for wind, landing in places.items() if landing == flown), None)
 
 
