@@ -83,7 +83,7 @@ def test_px4_takes_every_item_and_the_glide() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wind_m_s", "short_m"), [(0.0, 50.0), (2.0, 40.0), (6.0, 25.0), (10.0, 25.0), (14.0, 25.0)]
+    ("wind_m_s", "short_m"), [(0.0, 45.0), (2.0, 36.0), (6.0, 22.5), (10.0, 22.5), (14.0, 22.5)]
 )
 def test_the_landing_is_short_of_home_by_the_distance_that_px4_floats(
     wind_m_s: float, short_m: float
