@@ -27,7 +27,8 @@ IN_PLACE_M = 2.0  # at a shorter horizontal distance, a copter climbs or descend
 HIGH_ENOUGH_M = 1.5
 WIDER_M = 12.0  # observed with radii of 100 and 150 m: 11 m at 12.6 m/s, 13 m at 22 m/s
 SHORT_S = 0.7  # ArduPlane: distance short of the point per m/s of headwind or tailwind
-FLOATS_S = 6.3  # time from the flare of a PX4 plane until it comes to rest
+FLOATS_S = 4.5  # time from the flare of a PX4 plane until it comes to rest
+MIN_GROUND_SPEED_M_S = 5.0  # PX4: FW_GND_SPD_MIN, which a plane keeps in any wind
 FALL_M_S = 8.0  # speed of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 
@@ -169,13 +170,15 @@ class Body:
     def _floats_m(self, north: float, east: float) -> float:
         """Return how far beyond its landing point a plane comes to rest on this course.
 
-        A PX4 plane in simulation flares at the point and floats on at about its minimum airspeed.
+        A PX4 plane in simulation flares at the point and floats on at about its minimum airspeed,
+        but never slower than its minimum speed over the ground.
         ArduPlane stops short of the point in a headwind or tailwind, and at the point without wind.
         """
         along_m_s = self.wind.north_m_s * north + self.wind.east_m_s * east
         if self.stack.name != "px4":
             return -SHORT_S * abs(along_m_s)
-        return FLOATS_S * max(self.limits.min_airspeed_m_s + along_m_s, 0.0)
+        slowest_m_s = self.limits.min_airspeed_m_s + along_m_s
+        return FLOATS_S * max(slowest_m_s, MIN_GROUND_SPEED_M_S)
 
     def climb(self, place: Place, altitude_m: float) -> bool:
         """Compute one step of a VTOL's vertical climb; return whether it now flies as a plane."""

@@ -48,6 +48,18 @@ COPTER_AROUND_M = 30.0  # height above home after a copter's go-around
 REACHED_M = 10.0  # go-around height counts as reached this far below it
 HOME_WITHIN_M = 500.0
 LANDS_BELOW_M = 40.0  # below this height in a return, the autopilot is landing
+CIRCLES_WITHIN_M = 5.0  # deviation from the return height while ArduPlane circles above home
+
+
+def lands_below_m(vehicle: Vehicle) -> float:
+    """Return the height (m) below which a vehicle in a return is landing.
+
+    ArduPlane circles above home at its return height, which may be low (quadplanes in SITL: 20 m).
+    """
+    height_m = vehicle.return_flight.height_m
+    if not vehicle.section.is_arduplane or height_m is None:
+        return LANDS_BELOW_M
+    return min(LANDS_BELOW_M, max(height_m - CIRCLES_WITHIN_M, 0.0))
 
 
 class Landings:
@@ -80,7 +92,7 @@ class Landings:
             return "its link is lost: order land again when the link is restored"
         if not availability.position_good:
             return "it has no position fix"
-        if availability.mode in GOING_HOME and availability.height_m < LANDS_BELOW_M:
+        if availability.mode in GOING_HOME and availability.height_m < lands_below_m(vehicle):
             return f"it is already landing in {named_mode(availability.mode)}"
         if vehicle.section.kind == "copter":
             return self._airspace.return_obstacle(vehicle, availability.fix)
@@ -151,13 +163,13 @@ class Landings:
         """Return whether a vehicle that returned must land: it was relieved or has no time left.
 
         Planes circle above home, with ArduPlane until the battery is empty. The other autopilots
-        land. Below ``LANDS_BELOW_M``, a plane is still climbing, or its autopilot is landing it.
+        land. Below ``lands_below_m``, a plane is still climbing, or its autopilot is landing it.
         """
         section, availability = vehicle.section, vehicle.availability
         found, relieved = vehicle.energy.estimate, vehicle.lands_after_return
         circles = section.winged and (section.stack == "ardupilot" or relieved)
         circles &= availability.mode == "return" and availability.airborne
-        circles &= availability.height_m >= LANDS_BELOW_M
+        circles &= availability.height_m >= lands_below_m(vehicle)
         circles &= not vehicle.landing_state.active
         if not circles or found is None or availability.in_failsafe:
             return False

@@ -32,6 +32,19 @@ VTOL_DECELERATION_M_S2, VTOL_SETTLES_M = 1.0, 100.0  # PX4 and ArduPlane brake w
 CLEARANCE_M = 30.0
 SHIFT_M = 100.0  # in missions that only land, the approach may end this far short of home
 UNCHECKED_M = 300.0  # final part of the glide, which is always near the ground
+# PX4 flares towards the NAV_LAND point and then floats: its planes come to rest this flight time
+# beyond the point. The plane flies the approach at its minimum airspeed, or faster, so that its
+# speed over the ground is at least FW_GND_SPD_MIN. In seven simulated landings of PX4 1.17, in
+# winds of 0, 6 and 10 m/s, the time was 2.3 to 6.0 s without the error of the estimated height.
+PX4_FLOATS_S = 4.5
+PX4_MIN_GROUND_SPEED_M_S = 5.0
+# In seven simulated landings in a wind of 10 m/s, ArduPlane 4.6.2 came to rest between 12 m short
+# of its point and 5 m beyond it; the mean is this time multiplied by the headwind or tailwind.
+ARDUPLANE_SHORT_S = 0.7
+# Distances of two waypoints on the glide from its beginning. PX4 1.17 takes the setpoint before
+# LOITER_TO_ALT as the beginning of the glide if its return leads to the mission's landing and the
+# landing item follows the loiter: its plane then dives on another line, here 535 m short of home.
+PX4_GLIDE_M = (100.0, 200.0)
 NOTHING: BaseGeometry = shapely.Polygon()
 COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 
@@ -69,23 +82,23 @@ class Landing:
         self._needed = needs_landing(section)
         self._weather = weather_of(scenario) if section.winged else None
         self._items: tuple[MissionItem, ...] = ()
-        self._wind_from_deg = math.nan  # wind direction for which the items were planned
+        self._wind: tuple[float, float] | None = None  # for which the items were planned
         self.closed = NOTHING
         self.items_at(scenario.start_s)
 
     def keep_clear_of(self, closed: BaseGeometry) -> None:
         """Replan the landing if the area that the approach should not enter has changed."""
         if not closed.equals(self.closed):
-            self.closed, self._wind_from_deg = closed, math.nan
+            self.closed, self._wind = closed, None
 
     def items_at(self, at_s: float) -> tuple[MissionItem, ...]:
         """Return the items of a landing into the wind at a given time; () if none is needed."""
         if self._weather is None or not self._needed:
             return ()
-        wind_from_deg = self._weather.weather_at(at_s).wind_from_deg
-        if wind_from_deg != self._wind_from_deg:
-            self._items = landing_of(self._section, self._landscape, wind_from_deg, self.closed)
-            self._wind_from_deg = wind_from_deg
+        wind = self.wind_at(at_s)
+        if wind != self._wind:
+            self._items = landing_of(self._section, self._landscape, wind, self.closed)
+            self._wind = wind
         return self._items
 
     def start_at(self, at_s: float) -> tuple[float, float] | None:
@@ -106,20 +119,42 @@ class Landing:
 def landing_of(
     section: VehicleSection,
     landscape: Landscape,
-    wind_from_deg: float,
+    wind: tuple[float, float],
     closed: BaseGeometry = NOTHING,
 ) -> tuple[MissionItem, ...]:
     """Return DO_LAND_START, a loiter down to approach height, and a landing at home.
 
-    Altitudes are above home, as required for touchdown. Raises ScenarioError if no approach is
-    clear.
+    ``wind`` is the speed in m/s, and the direction in degrees from which the wind blows. Altitudes
+    are above home, as required for touchdown. Raises ScenarioError if no approach is clear.
     """
-    approach = approach_of(section, landscape, wind_from_deg, closed)
-    home = round(section.home_lat_deg * 1e7), round(section.home_lon_deg * 1e7)
+    approach = approach_of(section, landscape, wind[1], closed)
+    home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
+    short_m = short_of_home_m(section, approach.course_deg, wind)
+    approach = approach._replace(centre_m=approach.centre_m - short_m)
+    touchdown = place_e7(landscape, home_m - short_m)
     return (
         MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
-        *approach_items(section, landscape, approach, home),
+        *approach_items(section, landscape, approach, touchdown),
     )
+
+
+def short_of_home_m(
+    section: VehicleSection, course_deg: float, wind: tuple[float, float]
+) -> Floats:
+    """Return the vector (x, y) from the place of the landing item to home, where planes rest."""
+    wind_m_s, wind_from_deg = wind
+    headwind_m_s = wind_m_s * math.cos(math.radians(course_deg - wind_from_deg))
+    return _floats_m(section, headwind_m_s) * forward_of(course_deg)
+
+
+def _floats_m(section: VehicleSection, headwind_m_s: float) -> float:
+    """Return how far beyond the NAV_LAND point a plane comes to rest; negative if short of it."""
+    if section.kind == "vtol":
+        return 0.0
+    if section.stack != "px4":
+        return -ARDUPLANE_SHORT_S * abs(headwind_m_s)
+    slowest_m_s = section.min_airspeed_m_s - headwind_m_s
+    return PX4_FLOATS_S * max(slowest_m_s, PX4_MIN_GROUND_SPEED_M_S)
 
 
 def approach_of(
@@ -245,8 +280,11 @@ def clears(points_m: Floats, heights_m: Floats, home_m: Floats, landscape: Lands
 
 def approach_items(
     section: VehicleSection, landscape: Landscape, approach: Approach, touchdown: tuple[int, int]
-) -> tuple[MissionItem, MissionItem]:
-    """Return the loiter down to approach height, and the landing at a place in 1e-7 degrees."""
+) -> tuple[MissionItem, ...]:
+    """Return the loiter down to approach height, and the landing at a place in 1e-7 degrees.
+
+    For a PX4 plane there are two waypoints on the glide between them.
+    """
     relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
     return (
         MissionItem(
@@ -258,12 +296,35 @@ def approach_items(
             param2=section.loiter_radius_m,
             param4=1.0,  # along the tangent
         ),
+        *(_glide_items(section, landscape, approach) if needs_glide(section) else ()),
         MissionItem(
             mavlink.MAV_CMD_NAV_VTOL_LAND if section.kind == "vtol" else mavlink.MAV_CMD_NAV_LAND,
             relative,
             *touchdown,
             0.0,
         ),
+    )
+
+
+def needs_glide(section: VehicleSection) -> bool:
+    """Return whether waypoints on the glide precede the landing item."""
+    return section.stack == "px4" and section.kind == "plane"
+
+
+def _glide_items(
+    section: VehicleSection, landscape: Landscape, approach: Approach
+) -> tuple[MissionItem, ...]:
+    ahead = forward_of(approach.course_deg)
+    left = np.array([-ahead[1], ahead[0]])
+    begins_m = approach.centre_m + section.loiter_radius_m * left
+    return tuple(
+        MissionItem(
+            mavlink.MAV_CMD_NAV_WAYPOINT,
+            mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+            *place_e7(landscape, begins_m + along_m * ahead),
+            approach.height_m * (1.0 - along_m / approach.length_m),
+        )
+        for along_m in PX4_GLIDE_M
     )
 
 

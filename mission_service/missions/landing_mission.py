@@ -6,7 +6,6 @@ ArduPlane flies there by the items after the landing, PX4 by a command. After a 
 VTOL hovers above home; ArduPlane's climbs there and circles in the approach loiter.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -36,17 +35,12 @@ from mission_service.missions.landing import (
     hovers_on,
     loiter_beside,
     place_e7,
+    short_of_home_m,
     with_rings,
 )
 
 Floats = NDArray[np.float64]
 
-# PX4 flares towards the NAV_LAND point and then floats: its planes come to rest this flight time
-# beyond the point (PX4 1.17 in simulation).
-PX4_FLOATS_S = 6.3
-# In seven simulated landings in a wind of 10 m/s, ArduPlane 4.6.2 came to rest between 12 m short
-# of its point and 5 m beyond it; the mean is this time multiplied by the headwind or tailwind.
-ARDUPLANE_SHORT_S = 0.7
 VTOL_FINAL_M = 30.0  # a VTOL this close to home and below the approach is on its final leg
 CLIMB_SLOPE = 0.08  # assumed climb gradient after a go-around, less than planes achieve
 CLIMBS_WITH_CONTINUE = 1.0  # param 1 of CONTINUE_AND_CHANGE_ALT: continue once at the altitude
@@ -90,12 +84,11 @@ def landing_mission(
     Raises:
         ScenarioError: No approach is clear of the terrain.
     """
-    wind_m_s, wind_from_deg = wind
+    _, wind_from_deg = wind
     vtol = section.kind == "vtol"
     approach = approach_of(section, landscape, wind_from_deg, closed)
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
-    headwind_m_s = wind_m_s * math.cos(math.radians(approach.course_deg - wind_from_deg))
-    short_m = _floats_m(section, headwind_m_s) * forward_of(approach.course_deg)
+    short_m = short_of_home_m(section, approach.course_deg, wind)
     approach = approach._replace(centre_m=approach.centre_m - short_m)
     around_m = _around(section, landscape, approach, home_m)
     items = [
@@ -105,16 +98,17 @@ def landing_mission(
         _to_approach(section, landscape, approach, start_m, min_at),
     ]
     touchdown = place_e7(landscape, home_m - short_m)
-    down, land = approach_items(section, landscape, approach, touchdown)
+    *down, land = approach_items(section, landscape, approach, touchdown)
     if section.stack == "px4":
         items += [
             MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
-            *(down, land),
+            *down,
+            land,
         ]
     elif vtol:
-        items += [down, land, *_around_items(section, landscape, around_m, approach.height_m)[1:]]
+        items += [*down, land, *_around_items(section, landscape, around_m, approach.height_m)[1:]]
     else:  # DO_LAND_START would keep ArduPlane from arming later, if RTL_AUTOLAND is 0
-        items += [down, land, *_around_items(section, landscape, around_m, approach.height_m)]
+        items += [*down, land, *_around_items(section, landscape, around_m, approach.height_m)]
     lat_deg, lon_deg = landscape.lat_lon_of(float(around_m[0]), float(around_m[1]))
     return LandingMission(
         tuple(items),
@@ -124,15 +118,6 @@ def landing_mission(
         VTOL_FINAL_M if vtol else approach.length_m + 3.0 * section.loiter_radius_m,
         (float(lat_deg), float(lon_deg)),
     )
-
-
-def _floats_m(section: VehicleSection, headwind_m_s: float) -> float:
-    """Return how far beyond the NAV_LAND point a plane comes to rest; negative if short of it."""
-    if section.kind == "vtol":
-        return 0.0
-    if section.stack != "px4":
-        return -ARDUPLANE_SHORT_S * abs(headwind_m_s)
-    return PX4_FLOATS_S * max(section.min_airspeed_m_s - headwind_m_s, 0.0)
 
 
 def _to_approach(

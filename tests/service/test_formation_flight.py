@@ -222,7 +222,7 @@ def test_the_plan_of_a_vehicle_is_its_first_mission(land: Landscape, tmp_path: P
     flight.place_m = (0.0, 0.0)
     (mission,) = of(flight.at(0.0), UploadMission)
     loiter = read_any(plan).mission[1]
-    assert written.items == len(mission.items) == 5
+    assert written.items == len(mission.items) == 7
     assert (loiter.x, loiter.y, loiter.param3) == (mission.items[1].x, mission.items[1].y, -150.0)
 
 

@@ -17,9 +17,15 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
-from mission_service.fire.scenario_fire import landscape_of
+from mission_service.fire.scenario_fire import landscape_of, weather_of
 from mission_service.journal.journal_file import SegmentReader
-from mission_service.missions.landing import APPROACH_HEIGHTS_M, landing_of, needs_landing
+from mission_service.missions.landing import (
+    APPROACH_HEIGHTS_M,
+    GLIDE_DEG,
+    landing_of,
+    needs_landing,
+)
+from mission_service.missions.landing_mission import landing_mission
 from mission_service.simulation.demo import write_plan
 from mission_service.simulation.sim import simulate
 
@@ -52,7 +58,7 @@ def section(**more: object) -> VehicleSection:
 
 def course_deg(landscape: Landscape, plane: VehicleSection, wind_from_deg: float) -> float:
     """Return the course of the tangent from the loiter to the touchdown point."""
-    _, loiter, touchdown = landing_of(plane, landscape, wind_from_deg)
+    _, loiter, *_, touchdown = landing_of(plane, landscape, (5.0, wind_from_deg))
     (x0, y0), (x1, y1) = (
         landscape.xy_of_lat_lon(item.x / 1e7, item.y / 1e7) for item in (loiter, touchdown)
     )
@@ -67,13 +73,54 @@ def test_on_even_ground_it_lands_into_the_wind(wind_from_deg: float) -> None:
 
 
 def test_px4_takes_every_item_and_the_glide() -> None:
-    items = landing_of(section(), FLAT, 270.0)
+    items = landing_of(section(), FLAT, (5.0, 270.0))
     assert check(items, stack_named("px4", "plane")) == []
-    _, loiter, touchdown = items
+    _, loiter, *_, touchdown = items
     centre, home = (FLAT.xy_of_lat_lon(i.x / 1e7, i.y / 1e7) for i in (loiter, touchdown))
     distance_m = math.dist(centre, home)
     glide_m = math.sqrt(distance_m**2 - loiter.param2**2)
     assert 0.0 < (loiter.z - touchdown.z) / glide_m < math.tan(math.radians(FW_LND_ANG_DEG))
+
+
+@pytest.mark.parametrize(
+    ("wind_m_s", "short_m"), [(0.0, 45.0), (2.0, 36.0), (6.0, 22.5), (10.0, 22.5), (14.0, 22.5)]
+)
+def test_the_landing_is_short_of_home_by_the_distance_that_px4_floats(
+    wind_m_s: float, short_m: float
+) -> None:
+    # PX4 lands at its minimum airspeed (10 m/s), but not slower over the ground than 5 m/s.
+    wind = (wind_m_s, 30.0)
+    *_, touchdown = landing_of(section(), FLAT, wind)
+    x_m, y_m = FLAT.xy_of_lat_lon(touchdown.x / 1e7, touchdown.y / 1e7)
+    home_m = FLAT.xy_of_lat_lon(section().home_lat_deg, section().home_lon_deg)
+    course = math.radians(30.0)
+    east_m, north_m = home_m[0] - x_m, home_m[1] - y_m
+    assert east_m == pytest.approx(short_m * math.sin(course), abs=0.2)
+    assert north_m == pytest.approx(short_m * math.cos(course), abs=0.2)
+    only_landing = landing_mission(section(), FLAT, wind, home_m)
+    assert only_landing.items[only_landing.final_seq] == touchdown
+
+
+def test_waypoints_on_the_glide_precede_px4s_landing_item() -> None:
+    """In a return PX4 1.17 takes the setpoint before the item before the landing as its start.
+
+    With the loiter directly before the landing this is a place far from the approach.
+    """
+    plane = section()
+    _, loiter, first, second, touchdown = landing_of(plane, FLAT, (5.0, 30.0))
+    assert (first.command, second.command) == (16, 16)
+    places = [FLAT.xy_of_lat_lon(i.x / 1e7, i.y / 1e7) for i in (loiter, first, second, touchdown)]
+    centre, *line = places
+    slope = math.tan(math.radians(GLIDE_DEG))
+    for item, place in zip((first, second), line, strict=False):
+        left_m = math.dist(place, line[-1])
+        assert item.z == pytest.approx(slope * left_m, abs=0.1)
+        assert item.z > 30.0
+        bearing = math.degrees(math.atan2(line[-1][0] - place[0], line[-1][1] - place[1]))
+        assert bearing == pytest.approx(30.0, abs=0.1)
+        # The plane leaves the loiter along the tangent that leads to these waypoints.
+        assert math.dist(centre, place) > plane.loiter_radius_m + 1.0
+    assert check(landing_of(plane, FLAT, (5.0, 30.0)), stack_named("px4", "plane")) == []
 
 
 def test_a_hill_on_the_approach_turns_it_aside() -> None:
@@ -81,7 +128,7 @@ def test_a_hill_on_the_approach_turns_it_aside() -> None:
     ridge = land(np.where(HOME_M[0] - 500.0 > X, 500.0, 300.0))
     course = course_deg(ridge, section(), 90.0)
     assert abs((course - 90.0 + 180.0) % 360.0 - 180.0) > 20.0
-    _, loiter, _ = landing_of(section(), ridge, 90.0)
+    _, loiter, *_ = landing_of(section(), ridge, (5.0, 90.0))
     x_m, y_m = ridge.xy_of_lat_lon(loiter.x / 1e7, loiter.y / 1e7)
     turns = np.linspace(0.0, math.tau, 180)
     around = ridge.elevation_at(x_m + 90 * np.cos(turns), y_m + 90 * np.sin(turns))
@@ -90,14 +137,14 @@ def test_a_hill_on_the_approach_turns_it_aside() -> None:
 
 def test_low_hills_need_a_higher_approach() -> None:
     hills = land(np.where(np.hypot(X - HOME_M[0], Y - HOME_M[1]) > 700.0, 322.0, 300.0))
-    _, loiter, _ = landing_of(section(), hills, 90.0)
+    _, loiter, *_ = landing_of(section(), hills, (5.0, 90.0))
     assert loiter.z > APPROACH_HEIGHTS_M[0]
 
 
 def test_a_bowl_has_no_approach() -> None:
     bowl = land(np.where(np.hypot(X - HOME_M[0], Y - HOME_M[1]) > 450.0, 600.0, 300.0))
     with pytest.raises(ScenarioError, match="no landing approach to home in any direction"):
-        landing_of(section(), bowl, 90.0)
+        landing_of(section(), bowl, (5.0, 90.0))
 
 
 def test_a_given_course_is_kept_or_refused() -> None:
@@ -105,7 +152,7 @@ def test_a_given_course_is_kept_or_refused() -> None:
     assert course_deg(FLAT, plane, 90.0) == pytest.approx(10.0, abs=0.1)
     wall = land(np.where(HOME_M[1] - 500.0 > Y, 500.0, 300.0))
     with pytest.raises(ScenarioError, match="landing_course_deg = 10"):
-        landing_of(plane, wall, 90.0)
+        landing_of(plane, wall, (5.0, 90.0))
 
 
 def test_only_px4_planes_need_one() -> None:
@@ -177,12 +224,15 @@ SOURCES = ("entries", "english.raws", "metric.wxs", "from.csv", "toward.csv")
 def laid_for(scenario: Scenario, items: Sequence[MissionItem]) -> float | None:
     """Return which of the two winds the landing of a mission is planned for."""
     plane, landscape = scenario.vehicles[0], landscape_of(scenario)
+    speed_m_s = weather_of(scenario).weather_at(0.0).wind_speed_m_s
     places = {
-        wind_from_deg: [(item.x, item.y) for item in landing_of(plane, landscape, wind_from_deg)]
+        wind_from_deg: [
+            (item.x, item.y) for item in landing_of(plane, landscape, (speed_m_s, wind_from_deg))
+        ]
         for wind_from_deg in (0.0, FIRST_DEG, LATER_DEG)
     }
     assert len({tuple(each) for each in places.values()}) == 3
-    flown = [(item.x, item.y) for item in items[-3:]]
+    flown = [(item.x, item.y) for item in items[-5:]]
     return next((wind for wind, landing in places.items() if landing == flown), None)
 
 

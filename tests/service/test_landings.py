@@ -23,6 +23,7 @@ from mission_service.events import (
     LandedStateChanged,
     MissionReadBack,
     OrderGiven,
+    ParametersReported,
     Resumed,
     SystemStateChanged,
     Telemetry,
@@ -162,6 +163,22 @@ def test_a_plane_that_lands_by_its_return_is_not_sent_around(land: Landscape) ->
     flight.mode("return")
     flight.at(30.0, away_deg=0.002)
     assert "rejected: hawk: it is already landing" in texts(flight.order("land"))
+
+
+@pytest.mark.parametrize(("return_height_m", "lands"), [(20.0, True), (30.0, False)])
+def test_arduplane_that_circles_low_above_home_after_a_return_can_be_landed(
+    land: Landscape, return_height_m: float, lands: bool
+) -> None:
+    """RTL_ALTITUDE is 20 m in the parameters of ArduPilot's simulated quadplane."""
+    flight = Vehicles(land, ARDUPLANE)
+    values = {"RTL_ALTITUDE": return_height_m}
+    flight.order("return")
+    flight.mode("return")
+    flight.handle(ParametersReported(flight.at_us, "hawk", "ardupilot plane", 255, values))
+    flight.at(19.0, away_deg=0.0005)
+    commands = flight.order("land")
+    assert len(landing_uploads(commands)) == lands
+    assert ("rejected: hawk: it is landing already" in texts(commands)) is not lands
 
 
 def test_a_landing_needs_no_approval(land: Landscape) -> None:

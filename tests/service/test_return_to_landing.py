@@ -81,7 +81,7 @@ def test_a_return_to_a_closed_landing_leads_to_another_one(land: Landscape) -> N
     (upload,) = every(commands, UploadMission)
     assert upload.why == AROUND
     places = landing_places(upload.items, land, flight.home_amsl_m())
-    assert len(places) == 2, "a loiter and a landing"
+    assert len(places) == 4, "a loiter, two waypoints on the glide and a landing"
     for place in places:
         clear_m = shapely.distance(area, shapely.Point(place.position[:2])) - place.radius_m
         assert clear_m > 60.0

@@ -1,7 +1,7 @@
 """Derives a vehicle's phase from its state while the airspace is being cleared. Pure."""
 
 from mission_service.commands import ClearingPhase
-from mission_service.core.landings import LANDS_BELOW_M
+from mission_service.core.landings import lands_below_m
 from mission_service.vehicles.availability import GOING_HOME, MISSION, named_mode
 from mission_service.vehicles.clearing_state import ClearingProgress
 from mission_service.vehicles.landing_state import LandingPhase
@@ -34,7 +34,7 @@ def unreachable(vehicle: Vehicle) -> str:
 def lands_by_itself(vehicle: Vehicle) -> bool:
     """Return whether a vehicle that was ordered home descends to its landing."""
     availability = vehicle.availability
-    return availability.mode in GOING_HOME and availability.height_m < LANDS_BELOW_M
+    return availability.mode in GOING_HOME and availability.height_m < lands_below_m(vehicle)
 
 
 def landing_phase(vehicle: Vehicle, progress: ClearingProgress) -> ClearingPhase:

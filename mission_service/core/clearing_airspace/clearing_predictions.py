@@ -3,6 +3,7 @@
 import math
 
 import shapely
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.volumes import Volume
@@ -111,7 +112,9 @@ class ClearingPredictions:
             mission = mission or self._landings.mission_from(vehicle, fix)
         except ScenarioError:
             return math.inf
-        loiter = mission.items[mission.final_seq - 1]
+        loiter = next(
+            item for item in mission.items if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT
+        )
         x_m, y_m = self._landscape.xy_of_lat_lon(loiter.x / 1e7, loiter.y / 1e7)
         return plane_landing_s(vehicle, fix, mission, (float(x_m), float(y_m)), wind_m_s)
 
