@@ -178,7 +178,7 @@ def test_arduplane_that_circles_low_above_home_after_a_return_can_be_landed(
     flight.at(19.0, away_deg=0.0005)
     commands = flight.order("land")
     assert len(landing_uploads(commands)) == lands
-    assert ("rejected: hawk: it is landing already" in texts(commands)) is not lands
+    assert ("rejected: hawk: it is already landing in mode return" in texts(commands)) is not lands
 
 
 def test_a_landing_needs_no_approval(land: Landscape) -> None:
