@@ -133,5 +133,5 @@ def test_a_length_that_cannot_be_is_refused(length_m: float) -> None:
 
 
 def test_marks_of_another_shape_are_refused() -> None:
-    with pytest.raises(FireModelError, match=r"observations are \(2, 3\)"):
+    with pytest.raises(FireModelError, match=r"observations have the shape \(2, 3\)"):
         PaperCorrected(FIRE, np.zeros((2, 3)), LENGTH_M)
