@@ -107,7 +107,7 @@ def test_nothing_is_sent_before_the_time_of_deployment(land: Landscape) -> None:
     assert flight.at_height(0.0) == []
 
 
-@pytest.mark.parametrize(("stack", "landing"), [("px4", [189, 31, 21]), ("ardupilot", [])])
+@pytest.mark.parametrize(("stack", "landing"), [("px4", [189, 31, 16, 16, 21]), ("ardupilot", [])])
 def test_the_first_mission_takes_off_and_ends_in_a_loiter(
     land: Landscape, stack: str, landing: list[int]
 ) -> None:
