@@ -62,6 +62,13 @@ OVERRIDE = click.option(
 )
 # Settings of ``demo`` and ``run`` from environment variables: MISSION_SERVICE_OUT is --out.
 SETTINGS = {"auto_envvar_prefix": "MISSION_SERVICE"}
+LOCAL_PORT = click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    show_default="a free port",
+    help="Port on loopback.",
+)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 OUT = click.option("--out", type=Folder(), default=Path("out"))
 OUT_REQUIRED = click.option("--out", type=Folder(), required=True)

@@ -11,6 +11,7 @@ import click
 
 from mission_service.cli.options import (
     JSON,
+    LOCAL_PORT,
     OUT_FOLDER,
     OUT_REQUIRED,
     OVERRIDE,
@@ -141,13 +142,7 @@ def products(
 
 
 @click.command()
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=0,
-    show_default="a free port",
-    help="Port on loopback.",
-)
+@LOCAL_PORT
 @click.option("--no-browser", is_flag=True, help="Print the address only.")
 def docs(port: int, no_browser: bool) -> None:
     """Serve the documentation on this machine, without a network, until Ctrl-C."""

@@ -45,6 +45,7 @@ ARDUPLANE_SHORT_S = 0.7
 # LOITER_TO_ALT as the beginning of the glide if its return leads to the mission's landing and the
 # landing item follows the loiter: its plane then dives on another line, here 535 m short of home.
 PX4_GLIDE_M = (100.0, 200.0)
+LAND_START = MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0)
 NOTHING: BaseGeometry = shapely.Polygon()
 COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 
@@ -127,24 +128,29 @@ def landing_of(
     ``wind`` is the speed in m/s, and the direction in degrees from which the wind blows. Altitudes
     are above home, as required for touchdown. Raises ScenarioError if no approach is clear.
     """
-    approach = approach_of(section, landscape, wind[1], closed)
-    home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
-    short_m = short_of_home_m(section, approach.course_deg, wind)
-    approach = approach._replace(centre_m=approach.centre_m - short_m)
-    touchdown = place_e7(landscape, home_m - short_m)
-    return (
-        MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
-        *approach_items(section, landscape, approach, touchdown),
-    )
+    _, items = landing_in_wind(section, landscape, wind, closed)
+    return (LAND_START, *items)
 
 
-def short_of_home_m(
-    section: VehicleSection, course_deg: float, wind: tuple[float, float]
-) -> Floats:
-    """Return the vector (x, y) from the place of the landing item to home, where planes rest."""
+def landing_in_wind(
+    section: VehicleSection,
+    landscape: Landscape,
+    wind: tuple[float, float],
+    closed: BaseGeometry,
+) -> tuple[Approach, tuple[MissionItem, ...]]:
+    """Return the approach, and its items, from which a plane comes to rest at home.
+
+    ``wind`` is the speed in m/s, and the direction in degrees from which the wind blows. Raises
+    ScenarioError if no approach is clear.
+    """
     wind_m_s, wind_from_deg = wind
-    headwind_m_s = wind_m_s * math.cos(math.radians(course_deg - wind_from_deg))
-    return _floats_m(section, headwind_m_s) * forward_of(course_deg)
+    approach = approach_of(section, landscape, wind_from_deg, closed)
+    headwind_m_s = wind_m_s * math.cos(math.radians(approach.course_deg - wind_from_deg))
+    short_m = _floats_m(section, headwind_m_s) * forward_of(approach.course_deg)
+    approach = approach._replace(centre_m=approach.centre_m - short_m)
+    home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
+    touchdown = place_e7(landscape, home_m - short_m)
+    return approach, approach_items(section, landscape, approach, touchdown)
 
 
 def _floats_m(section: VehicleSection, headwind_m_s: float) -> float:
@@ -296,7 +302,7 @@ def approach_items(
             param2=section.loiter_radius_m,
             param4=1.0,  # along the tangent
         ),
-        *(_glide_items(section, landscape, approach) if needs_glide(section) else ()),
+        *(_glide_items(section, landscape, approach) if _needs_glide(section) else ()),
         MissionItem(
             mavlink.MAV_CMD_NAV_VTOL_LAND if section.kind == "vtol" else mavlink.MAV_CMD_NAV_LAND,
             relative,
@@ -306,7 +312,7 @@ def approach_items(
     )
 
 
-def needs_glide(section: VehicleSection) -> bool:
+def _needs_glide(section: VehicleSection) -> bool:
     """Return whether waypoints on the glide precede the landing item."""
     return section.stack == "px4" and section.kind == "plane"
 

@@ -25,17 +25,16 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.from_path import LeastAltitude, leg_altitudes_m, no_least
 from mission_service.missions.landing import (
+    LAND_START,
     NOTHING,
     UNCHECKED_M,
     Approach,
-    approach_items,
-    approach_of,
     clears,
     forward_of,
     hovers_on,
+    landing_in_wind,
     loiter_beside,
     place_e7,
-    short_of_home_m,
     with_rings,
 )
 
@@ -84,12 +83,9 @@ def landing_mission(
     Raises:
         ScenarioError: No approach is clear of the terrain.
     """
-    _, wind_from_deg = wind
     vtol = section.kind == "vtol"
-    approach = approach_of(section, landscape, wind_from_deg, closed)
+    approach, landing = landing_in_wind(section, landscape, wind, closed)
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
-    short_m = short_of_home_m(section, approach.course_deg, wind)
-    approach = approach._replace(centre_m=approach.centre_m - short_m)
     around_m = _around(section, landscape, approach, home_m)
     items = [
         *([fly_as_plane()] if hovers_on(section) else []),
@@ -97,22 +93,16 @@ def landing_mission(
         *([] if section.camera_trigger_m is None else [camera_trigger(0.0)]),
         _to_approach(section, landscape, approach, start_m, min_at),
     ]
-    touchdown = place_e7(landscape, home_m - short_m)
-    *down, land = approach_items(section, landscape, approach, touchdown)
     if section.stack == "px4":
-        items += [
-            MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
-            *down,
-            land,
-        ]
+        items += [LAND_START, *landing]
     elif vtol:
-        items += [*down, land, *_around_items(section, landscape, around_m, approach.height_m)[1:]]
+        items += [*landing, *_around_items(section, landscape, around_m, approach.height_m)[1:]]
     else:  # DO_LAND_START would keep ArduPlane from arming later, if RTL_AUTOLAND is 0
-        items += [*down, land, *_around_items(section, landscape, around_m, approach.height_m)]
+        items += [*landing, *_around_items(section, landscape, around_m, approach.height_m)]
     lat_deg, lon_deg = landscape.lat_lon_of(float(around_m[0]), float(around_m[1]))
     return LandingMission(
         tuple(items),
-        items.index(land),
+        items.index(landing[-1]),
         approach.course_deg,
         approach.height_m,
         VTOL_FINAL_M if vtol else approach.length_m + 3.0 * section.loiter_radius_m,

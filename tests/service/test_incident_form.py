@@ -30,7 +30,7 @@ TOKEN = "secret-of-the-test"
 
 
 class Site:
-    """A running server of the page, whose thread ends with it."""
+    """A server of the page that runs in a thread."""
 
     def __init__(self, file: Path, folder: Path, page: Path) -> None:
         self.file, self.folder = file, folder

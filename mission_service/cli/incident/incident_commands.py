@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import click
 
 from mission_service.cli.incident.map_commands import bounding_box
-from mission_service.cli.options import JSON, aware_time, echo, echo_warning
+from mission_service.cli.options import JSON, LOCAL_PORT, aware_time, echo, echo_warning
 from mission_service.errors import MissionServiceError, ScenarioError
 
 Value = TypeVar("Value")
@@ -157,13 +157,7 @@ def new(file: Path, as_json: bool, **given: Any) -> None:
 
 @incident.command("page")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=0,
-    show_default="a free port",
-    help="Port on loopback.",
-)
+@LOCAL_PORT
 @click.option(
     "--no-browser",
     is_flag=True,
@@ -195,8 +189,6 @@ def page(file: Path, port: int, no_browser: bool) -> None:
             if not no_browser:
                 server.open_in_browser()
             server.serve_forever()
-        with server.creating:  # a check may still be in progress
-            server.creating_allowed = False
         if server.saved is None:
             raise MissionServiceError(f"{file}: not saved")
         click.echo(f"{file}: checked. Next: {server.saved['next']}")

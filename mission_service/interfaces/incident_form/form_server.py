@@ -92,7 +92,7 @@ class FormServer(ThreadingHTTPServer):
         if not page.is_file():
             raise MissionServiceError(f"{page}: the page was not built; run make web")
         self.folder, self.token, self.create = folder, token, create
-        self.creating, self.creating_allowed = threading.Lock(), True
+        self.creating, self.ended = threading.Lock(), False
         self.saved: dict[str, Any] | None = None
         try:
             super().__init__((LOOPBACK, port), partial(_Requests, directory=str(page.parent)))
@@ -105,6 +105,12 @@ class FormServer(ThreadingHTTPServer):
     def address(self) -> str:
         """The address for the browser, with the token."""
         return f"http://{LOOPBACK}:{self.server_port}/#token={self.token}"
+
+    def server_close(self) -> None:
+        """Stop listening, and wait for a check that is in progress; no other check begins."""
+        super().server_close()
+        with self.creating:
+            self.ended = True
 
     def open_in_browser(self) -> None:
         """Open the page in a thread, because a text browser ends only after the form."""
@@ -148,7 +154,6 @@ class _Requests(SimpleHTTPRequestHandler):
             status, body = 200, act()
         except _RefusedError as error:
             status, body = error.args[0], {"error": error.args[1]}
-            self.close_connection = True
         content = json.dumps(body).encode()
         try:
             self.send_response(status)
@@ -157,7 +162,7 @@ class _Requests(SimpleHTTPRequestHandler):
             self.end_headers()
             self.wfile.write(content)
             self.wfile.flush()
-            if self.close_connection:
+            if status != 200:
                 self._discard_rest()
         except OSError:  # the browser has closed the connection
             self.close_connection = True
@@ -221,13 +226,15 @@ class _Requests(SimpleHTTPRequestHandler):
         except msgspec.MsgspecError as error:
             raise _RefusedError(422, str(error)) from error
         with self.server.creating:
-            if self.server.saved is not None or not self.server.creating_allowed:
+            if self.server.saved is not None or self.server.ended:
                 raise _RefusedError(409, "the form has ended")
             try:
                 saved = self.server.create(options_of(form, self.server.folder))
             except (MissionServiceError, FireModelError, BridgeError) as error:
                 raise _RefusedError(422, str(error)) from error
-            except Exception as error:  # a defect must not end the form, whose user has typed much
+            except (
+                Exception
+            ) as error:  # a defect must not end the form
                 log.exception("the form cannot be used")
                 raise _RefusedError(500, f"internal error: {in_words(error)}") from error
             self.server.saved = saved
