@@ -10,7 +10,7 @@ import threading
 import webbrowser
 from collections.abc import Callable, Iterator
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import SimpleHTTPRequestHandler
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -22,10 +22,10 @@ from firemodel.errors import FireModelError
 from mission_service.errors import MissionServiceError, in_words
 from mission_service.interfaces.api.access.guard import HEADERS
 from mission_service.interfaces.incident_form.form_options import FILE_NAME, Form, options_of
+from mission_service.interfaces.loopback_server import LOOPBACK, LoopbackServer
 from mission_service.interfaces.web.build import PAGE
 
 log = logging.getLogger(__name__)
-LOOPBACK = "127.0.0.1"
 FORM_PAGE = PAGE.with_name("incident.html")
 MAX_FORM_BYTES = 256 * 1024
 MAX_FILE_BYTES = 4 * 1024**3
@@ -70,7 +70,7 @@ def uploads_of(file: Path) -> Iterator[Path]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-class FormServer(ThreadingHTTPServer):
+class FormServer(LoopbackServer):
     """The server of the page; ``serve_forever`` returns when the scenario has been saved."""
 
     def __init__(
@@ -94,12 +94,7 @@ class FormServer(ThreadingHTTPServer):
         self.folder, self.token, self.create = folder, token, create
         self.creating, self.ended = threading.Lock(), False
         self.saved: dict[str, Any] | None = None
-        try:
-            super().__init__((LOOPBACK, port), partial(_Requests, directory=str(page.parent)))
-        except OSError as error:
-            raise MissionServiceError(
-                f"{LOOPBACK}:{port}: cannot listen: {error.strerror}; choose another --port"
-            ) from None
+        super().__init__(port, partial(_Requests, directory=str(page.parent)))
 
     @property
     def address(self) -> str:
@@ -232,9 +227,7 @@ class _Requests(SimpleHTTPRequestHandler):
                 saved = self.server.create(options_of(form, self.server.folder))
             except (MissionServiceError, FireModelError, BridgeError) as error:
                 raise _RefusedError(422, str(error)) from error
-            except (
-                Exception
-            ) as error:  # a defect must not end the form
+            except Exception as error:  # a defect must not end the form
                 log.exception("the form cannot be used")
                 raise _RefusedError(500, f"internal error: {in_words(error)}") from error
             self.server.saved = saved

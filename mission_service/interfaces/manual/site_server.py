@@ -2,14 +2,14 @@
 
 import shutil
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import SimpleHTTPRequestHandler
 from pathlib import Path
 from typing import Any
 
 from mission_service.errors import MissionServiceError
+from mission_service.interfaces.loopback_server import LoopbackServer
 
 SITE = Path(__file__).parent / "site.zip"
-LOOPBACK = "127.0.0.1"
 
 
 def unpack_site(folder: Path, site: Path = SITE) -> None:
@@ -35,7 +35,7 @@ def unpack_site(folder: Path, site: Path = SITE) -> None:
         ) from None
 
 
-def site_server(port: int, folder: Path) -> ThreadingHTTPServer:
+def site_server(port: int, folder: Path) -> LoopbackServer:
     """Return a server for the files in a folder; the server listens on loopback.
 
     Args:
@@ -48,12 +48,7 @@ def site_server(port: int, folder: Path) -> ThreadingHTTPServer:
     Raises:
         MissionServiceError: The port cannot be used.
     """
-    try:
-        return ThreadingHTTPServer((LOOPBACK, port), partial(_Files, directory=str(folder)))
-    except OSError as error:
-        raise MissionServiceError(
-            f"{LOOPBACK}:{port}: cannot listen: {error.strerror}; choose another --port"
-        ) from None
+    return LoopbackServer(port, partial(_Files, directory=str(folder)))
 
 
 class _Files(SimpleHTTPRequestHandler):
