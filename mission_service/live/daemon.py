@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -156,6 +157,7 @@ async def serve(
             tasks.append(partial(receive_aircraft, section=scenario.surveillance))
         if watch_arrivals is not None:
             tasks.append(watch_arrivals)
+        gc.freeze()  # full collections, which hold the event loop, need not visit these objects
         is_over = await _run_tasks(context, tasks, exchange, check, stop, latest_us)
         # After SIGTERM, sent by a supervisor, the next start resumes the run.
         terminated = signal.SIGTERM in signals

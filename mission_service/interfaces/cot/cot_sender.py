@@ -139,26 +139,27 @@ class CotSender:
     async def _send_vehicles(self, transport: CotTransport, stale_us: int) -> None:
         """Send positions that are new since the last round; receivers mark the others as stale."""
         state_view = self._context.state_view
-        for name, fix in list(state_view.telemetry.items()):
+        for name in list(state_view.telemetry):
+            fix = state_view.telemetry[name]
             version = state_view.changed[f"telemetry/{name}"]
             if version > self._sent.get(name, 0):
                 self._sent[name] = version
                 kind = state_view.vehicles[name].kind
-                await transport.send_event(
-                    vehicle_event(fix, kind, self._site, wall_us(), stale_us)
+                await _send(
+                    vehicle_event(fix, kind, self._site, wall_us(), stale_us), transport
                 )
 
     async def _send_chat(self, transport: CotTransport) -> None:
         self._chat.handle_timer(clock_us())
         for message in self._chat.messages(self._context.state_view.alarms.values(), wall_us()):
-            await transport.send_event(message)
+            await _send(message, transport)
             self._chat.mark_sent(message, clock_us())
 
     async def _send_missions(self, transport: CotTransport, stale_us: int) -> None:
         for mission in list(self._context.state_view.missions.values()):
             event = mission_event(mission, self._site, wall_us(), stale_us)
             if event is not None:
-                await transport.send_event(event)
+                await _send(event, transport)
 
     def _begin(
         self, name: str, shapes: Callable[[int], Coroutine[Any, Any, list[bytes]]], stale_us: int
@@ -172,7 +173,7 @@ class CotSender:
         for name in [name for name, work in self._shapes.items() if work.done()]:
             work = self._shapes.pop(name)
             for event in work.result():
-                await transport.send_event(event)
+                await _send(event, transport)
 
     async def _fire(self, stale_us: int) -> list[bytes]:
         return list(fire_events(await front_now(self._context), self._site, wall_us(), stale_us))
@@ -183,3 +184,9 @@ class CotSender:
         except FireModelError:
             return []  # the last forecast becomes stale
         return list(forecast_events(fronts, self._site, wall_us(), stale_us))
+
+
+async def _send(event: bytes, transport: CotTransport) -> None:
+    """Send an event. Raises OSError or TimeoutError when the transport fails."""
+    await transport.send_event(event)
+    await asyncio.sleep(0)  # other tasks run between two events
