@@ -90,7 +90,9 @@ class Daemon:
 
     async def severe_alarms(self) -> list[str]:
         """Return the texts of the active severe alarms."""
-        return [each["text"] for each in await self._state("alarms") if each["severity"] == "severe"]
+        return [
+            each["text"] for each in await self._state("alarms") if each["severity"] == "severe"
+        ]
 
     async def has_alarm(self, key: str) -> bool:
         """Return whether an alarm is active."""

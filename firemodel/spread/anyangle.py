@@ -244,8 +244,7 @@ class AnyAngleFire(Fire):
         """Drop unused points if there may be many; each weather change adds points."""
         if self._used <= 2 * self._used_before + SOME_POINTS:
             return
-        at, beside = self._points
-        points = Points(at[: self._used], beside[: self._used])
+        points = self._points.first(self._used)
         self._points, self._labels = without_unused(points, self._labels, self._since_s)
         self._used = self._used_before = len(self._points.at)
 
@@ -279,8 +278,8 @@ class AnyAngleFire(Fire):
         found._labels, found.arrival_time_s, found._ground = labels, arrival_time_s, ground
         times, keys, waiting = self._queue
         found._queue = Queue(times.copy(), keys.copy(), waiting.copy())
-        at, beside = self._points
-        found._points = Points(at[: self._used].copy(), beside[: self._used].copy())
+        at, beside, origin = self._points.first(self._used)
+        found._points = Points(at.copy(), beside.copy(), origin.copy())
         found._changes_s, found._ignitions = self._changes_s.copy(), self._ignitions.copy()
         return found
 
@@ -382,8 +381,10 @@ class AnyAngleFire(Fire):
         self._queue = Queue(times, keys, waiting)
         if self._used + room > len(self._points.at):
             size = 2 * (self._used + room)
-            at, beside = self._points
-            self._points = Points(enlarged(at, size), enlarged(beside, size))
+            at, beside, origin = self._points
+            self._points = Points(
+                enlarged(at, size), enlarged(beside, size), enlarged(origin, size)
+            )
 
     def _ignite(self, at_s: float, row: int, col: int) -> None:
         cell = row * self.landscape.shape[1] + col

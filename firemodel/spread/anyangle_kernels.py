@@ -6,6 +6,7 @@ from firemodel.compiled import inlined, kernel
 from firemodel.spread.heap import drop_first, push
 from firemodel.spread.labels import (
     Lattice,
+    add_bend,
     add_path,
     add_point,
     ij_of,
@@ -16,7 +17,6 @@ from firemodel.spread.labels import (
 from firemodel.spread.travel_time import (
     STEP_COL,
     STEP_ROW,
-    TOUCH,
     cell_at,
     crossing_s,
     evenest_cell,
@@ -32,12 +32,16 @@ ADJOINS = 5  # paths from an ignition are stored for nodes within this distance 
 ROOM = 100  # maximum number of entries that processing a node adds to the heap or to the points
 BETWEEN_CELLS = 3.0  # maximum distance between two joined sources on a front
 MAX_SLIDES = 12  # maximum number of front points that a source is moved past at once
-BEND_CELLS = 8  # longest line from a point to which a bend is added
-NODE_BEND_CELLS = 6  # longest line from a node to which a bend is added
-UNLIKE = 0.2  # relative difference in slowness between a line's ends that makes a bend likely
+BEND_CELLS = 14  # longest line to which a bend is added
+UNLIKE = 0.15  # least relative difference in slowness between the cells at an edge with a bend
+SEARCH_ROUNDS = 2  # searches for the position of a bend, each finer than the previous one
+SEARCH_CELLS = 0.25  # first step of the search along an edge
+SEARCH_SHARE = 0.06  # the same in proportion to the length of the line; the larger one is used
 ROUNDING = 1e-12  # relative gain in time that a path must exceed to replace another
-WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source
+WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source on a front
 WORTH_A_BEND = 0.005  # the same for a bend in a line from a node
+WORTH_A_SECOND_BEND = 0.002  # the same for a bend in a line from a point
+WORTH_A_MOVE = 0.003  # the same for another position of a bend
 
 
 def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]:
@@ -181,14 +185,11 @@ def burn_until(  # type: ignore[no-untyped-def]
         elif far > alike:
             if source < n:
                 slide(i, j, key, since_s, labels, ground, lattice, entry)
-                if far <= NODE_BEND_CELLS and _ends_differ(from_y, from_x, y, x, ground, entry):
-                    used = bend(
-                        y, x, key, 2, WORTH_A_BEND, points, used, labels, ground, lattice, entry
-                    )
-            elif far <= BEND_CELLS:
-                used = bend(
-                    y, x, key, 3, WORTH_A_POINT, points, used, labels, ground, lattice, entry
-                )
+            else:
+                used = move_bend(y, x, key, since_s, points, used, labels, ground, lattice, entry)
+            if far <= BEND_CELLS:
+                worth = WORTH_A_BEND if source < n else WORTH_A_SECOND_BEND
+                used = bend(y, x, key, worth, points, used, labels, ground, lattice, entry)
         if source != sources[key]:
             source, from_y, from_x, from_s, origin, alike = _source_of(
                 key, points, labels, ground, lattice
@@ -289,61 +290,129 @@ def arrive(to_time_s, waiting, waits, arrival_s, labels, lattice):  # type: igno
     return rest
 
 
-@inlined
-def _ends_differ(y, x, to_y, to_x, ground, entry):  # type: ignore[no-untyped-def]
-    """Return True if the slownesses of the first and the last cell of a line differ clearly."""
-    one = cell_at(y + TOUCH * (to_y - y), x + TOUCH * (to_x - x), ground)
-    other = cell_at(to_y + TOUCH * (y - to_y), to_x + TOUCH * (x - to_x), ground)
-    prepare(one, ground, entry)
-    prepare(other, ground, entry)
-    a, b = ground.slowness[4 * one], ground.slowness[4 * other]
-    return abs(a - b) > UNLIKE * max(a, b)
+@kernel
+def _bend_edge(source, to, ground, entry):  # type: ignore[no-untyped-def]
+    """Return the edge between cells at which a line most probably bends.
+
+    The line leads from ``source`` (y, x, ...) to ``to`` (y, x). Of all edges that it crosses, this
+    is the one with the largest relative difference in slowness between the adjoining cells; if
+    several have it, the one nearest to the midpoint. Returns whether the edge is along a row, the
+    row or the column of the edge, and the position along it; the row or column is -1 if no
+    difference exceeds ``UNLIKE``.
+    """
+    from_y, from_x, y, x = source[0], source[1], to[0], to[1]
+    along_found, edge_found, place, most, nearest = False, -1.0, 0.0, UNLIKE, 0.5
+    for along_row in (False, True):
+        start, end = (from_y, y) if along_row else (from_x, x)
+        edge = np.floor(min(start, end)) + 1.0
+        while edge < max(start, end):
+            share = (edge - start) / (end - start)
+            if along_row:
+                at = from_x + share * (x - from_x)
+                one, other = cell_at(edge - 0.5, at, ground), cell_at(edge, at, ground)
+            else:
+                at = from_y + share * (y - from_y)
+                one, other = cell_at(at, edge - 0.5, ground), cell_at(at, edge, ground)
+            prepare(one, ground, entry)
+            prepare(other, ground, entry)
+            a, b = ground.slowness[4 * one], ground.slowness[4 * other]
+            differs = abs(a - b) / max(a, b)
+            if differs > most or (differs == most and abs(share - 0.5) < nearest):
+                along_found, edge_found, place = along_row, edge, at
+                most, nearest = differs, abs(share - 0.5)
+            edge += 1.0
+    return along_found, edge_found, place
 
 
 @kernel
-def bend(  # type: ignore[no-untyped-def]
-    y, x, key, rounds, worth, points, used, labels, ground, lattice, entry
+def _fastest_bend(  # type: ignore[no-untyped-def]
+    source, to, edge, place, step, along_row, until_s, ground, entry
 ):
+    """Search along an edge for the position of a bend from which ``to`` (y, x) is reached earliest.
+
+    ``source`` is a position and a time (y, x, s), ``place`` the position along the edge at which
+    the search begins. Returns the arrival time at ``to``, the position along the edge, and the
+    arrival time there. The position is -1 if no arrival is earlier than ``until_s``.
+    """
+    from_y, from_x, from_s = source
+    y, x = to
+    most = ground.cols if along_row else ground.reach.size // ground.cols
+    found_s, found, bend_s = until_s, -1.0, 0.0
+    for _ in range(SEARCH_ROUNDS):
+        centre = place if found < 0.0 else found
+        for side in (-step, step):
+            for steps in (1, 2):
+                at = centre + steps * side
+                if not 0.0 <= at <= most:
+                    break
+                at_y, at_x = (edge, at) if along_row else (at, edge)
+                first_s = travel_s(from_y, from_x, at_y, at_x, found_s - from_s, ground, entry)
+                limit_s = found_s - from_s - first_s
+                if limit_s <= 0.0:
+                    break
+                then_s = travel_s(at_y, at_x, y, x, limit_s, ground, entry)
+                if then_s >= limit_s:
+                    break
+                found_s, found, bend_s = from_s + first_s + then_s, at, from_s + first_s
+        step *= 0.4
+    return found_s, found, bend_s
+
+
+@kernel
+def bend(y, x, key, worth, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
     """Improve a node's label: try paths that bend on an edge between the source and the node.
 
-    ``rounds`` is the number of searches for the position of the bend, each finer than the previous
-    search. If the relative gain in time is more than ``worth``, a point is added at the bend.
-    Returns the number of points in use.
+    If the relative gain in time is more than ``worth``, a point is added at the bend. Returns the
+    number of points in use.
     """
     best_s, sources, _ = labels
     n = best_s.size
     source = np.int64(sources[key])
-    from_y, from_x, from_s = place_of(source, points, labels, lattice)
-    for along_row in range(2):
-        # The edge, along a row or a column of cells, that the line crosses nearest to its midpoint.
-        start, end = (from_y, y) if along_row == 1 else (from_x, x)
-        edge = np.floor(0.5 * (start + end) + 0.5)
-        if not min(start, end) < edge < max(start, end):
-            continue
-        share = (edge - start) / (end - start)
-        step = 0.25
-        place = from_x + share * (x - from_x) if along_row == 1 else from_y + share * (y - from_y)
-        most = ground.cols if along_row == 1 else lattice.rows
-        found_s, found, bend_s = best_s[key] * (1.0 - ROUNDING), -1.0, 0.0
-        for _ in range(rounds):
-            centre = place if found < 0.0 else found
-            for side in range(-2, 3):
-                at = centre + side * step
-                if side == 0 or not 0.0 <= at <= most:
-                    continue
-                at_y, at_x = (edge, at) if along_row == 1 else (at, edge)
-                first_s = travel_s(from_y, from_x, at_y, at_x, found_s - from_s, ground, entry)
-                limit_s = found_s - from_s - first_s
-                if limit_s <= 0.0:
-                    continue
-                then_s = travel_s(at_y, at_x, y, x, limit_s, ground, entry)
-                if then_s < limit_s:
-                    found_s, found, bend_s = from_s + first_s + then_s, at, from_s + first_s
-            step *= 0.4
-        if found >= 0.0 and found_s < best_s[key] - worth * (best_s[key] - from_s):
-            best_s[key], sources[key] = found_s, n + used
-            at_y, at_x = (edge, found) if along_row == 1 else (found, edge)
-            used = add_point(points, used, at_y, at_x, bend_s, -1, -1)
+    start = place_of(source, points, labels, lattice)
+    from_y, from_x, from_s = start
+    along_row, edge, place = _bend_edge(start, (y, x), ground, entry)
+    if edge < 0.0:
+        return used
+    step = max(SEARCH_CELLS, SEARCH_SHARE * max(abs(y - from_y), abs(x - from_x)))
+    until_s = best_s[key] * (1.0 - ROUNDING)
+    found_s, found, bend_s = _fastest_bend(
+        start, (y, x), edge, place, step, along_row, until_s, ground, entry
+    )
+    if found >= 0.0 and found_s < best_s[key] - worth * (best_s[key] - from_s):
+        best_s[key], sources[key] = found_s, n + used
+        at_y, at_x = (edge, found) if along_row else (found, edge)
+        used = add_bend(points, used, at_y, at_x, bend_s, source)
+    return used
+
+
+@kernel
+def move_bend(y, x, key, since_s, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Improve a node's label: try other positions on the edge for the bend that is its source.
+
+    The position of a bend is the best one for the node for which the bend was added. If another one
+    is better for this node, a point is added there. Bends that were added before ``since_s``, the
+    last weather change, are not moved. Returns the number of points in use.
+    """
+    best_s, sources, _ = labels
+    n = best_s.size
+    point = np.int64(sources[key]) - n
+    origin = np.int64(points.origin[point])
+    if origin < 0:
+        return used
+    start = place_of(origin, points, labels, lattice)
+    if start[2] < since_s:
+        return used
+    bend_y, bend_x, bend_s = points.at[point, 0], points.at[point, 1], points.at[point, 2]
+    along_row = bend_y == np.floor(bend_y)
+    edge, place = (bend_y, bend_x) if along_row else (bend_x, bend_y)
+    until_s = best_s[key] * (1.0 - ROUNDING)
+    found_s, found, found_bend_s = _fastest_bend(
+        start, (y, x), edge, place, SEARCH_CELLS, along_row, until_s, ground, entry
+    )
+    if found >= 0.0 and found_s < best_s[key] - WORTH_A_MOVE * (best_s[key] - bend_s):
+        best_s[key], sources[key] = found_s, n + used
+        at_y, at_x = (edge, found) if along_row else (found, edge)
+        used = add_bend(points, used, at_y, at_x, found_bend_s, origin)
     return used
 
 

@@ -46,6 +46,12 @@ class Points(NamedTuple):
 
     at: Floats  # (k, 3) position and time: y, x, s
     beside: NDArray[np.int32]  # (k, 2) the next points on both sides along the front; -1 for none
+    # (k) for a bend, the source of the line that leads to it: a key, or keys + index; -1: no bend
+    origin: NDArray[np.int32]
+
+    def first(self, count: int) -> "Points":
+        """Return views of the first ``count`` points."""
+        return Points(self.at[:count], self.beside[:count], self.origin[:count])
 
 
 class Queue(NamedTuple):
@@ -210,7 +216,9 @@ def keys_of(i: NDArray[np.int64], j: NDArray[np.int64], lattice: Lattice) -> NDA
 
 def empty_points(room: int) -> Points:
     """Return uninitialised arrays for ``room`` points."""
-    return Points(np.empty((room, 3)), np.empty((room, 2), dtype=np.int32))
+    return Points(
+        np.empty((room, 3)), np.empty((room, 2), dtype=np.int32), np.empty(room, dtype=np.int32)
+    )
 
 
 def empty_paths(room: int) -> ActivePaths:
@@ -257,6 +265,15 @@ def add_point(points, used, y, x, at_s, left, right):  # type: ignore[no-untyped
     """Store a point in row ``used`` and return the number of points in use."""
     points.at[used, 0], points.at[used, 1], points.at[used, 2] = y, x, at_s
     points.beside[used, 0], points.beside[used, 1] = left, right
+    points.origin[used] = -1
+    return used + 1
+
+
+@kernel
+def add_bend(points, used, y, x, at_s, origin):  # type: ignore[no-untyped-def]
+    """Store a bend in the line from the source ``origin``; return the number of points in use."""
+    add_point(points, used, y, x, at_s, -1, -1)
+    points.origin[used] = origin
     return used + 1
 
 
@@ -339,6 +356,11 @@ def without_unused(points: Points, labels: Labels, since_s: float) -> tuple[Poin
     new_source = labels.source.copy()
     new_source[at_point] = keys + number[source]
     return (
-        Points(points.at[kept], beside[kept].astype(np.int32)),
+        # The bends that are kept are no longer moved: the indices of their origins have changed.
+        Points(
+            points.at[kept],
+            beside[kept].astype(np.int32),
+            np.full(np.count_nonzero(kept), -1, dtype=np.int32),
+        ),
         labels._replace(source=new_source),
     )

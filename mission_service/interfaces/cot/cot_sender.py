@@ -145,9 +145,7 @@ class CotSender:
             if version > self._sent.get(name, 0):
                 self._sent[name] = version
                 kind = state_view.vehicles[name].kind
-                await _send(
-                    vehicle_event(fix, kind, self._site, wall_us(), stale_us), transport
-                )
+                await _send(vehicle_event(fix, kind, self._site, wall_us(), stale_us), transport)
 
     async def _send_chat(self, transport: CotTransport) -> None:
         self._chat.handle_timer(clock_us())
