@@ -15,8 +15,9 @@ any length, and arrival times are those of the exact ellipse. Every arrival time
 possible path and therefore never too early.
 
 A path from a nearby source may also bend once on an edge between the source and the node
-(``bend``): from a point, because there are few nodes near an ignition; from a node, if fire spreads
-at different rates in the first and the last cell. The bend is stored as a point.
+(``bend``): on the edge at which the slowness of the two cells differs most. The bend is stored as a
+point. Since its position is the best one for a single node, each other node that has the bend as
+its source tries other positions on the same edge (``move_bend``).
 
 When the weather changes, each line along which fire is moving is cut at the fire's position, and
 that point becomes the source of the remaining line. The new spread rate applies only to the
