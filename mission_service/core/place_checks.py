@@ -75,7 +75,7 @@ class PlaceChecks:
         low_m = circle_ground_m(vehicle, self._landscape) + RAISED_HOLD_AGL_M
         low_m = round(max(min(low_m, command.altitude_amsl_m), fix.altitude_m), 1)
         lower = msgspec.structs.replace(command, altitude_amsl_m=low_m)
-        below = self._below_volumes(command, place, airspace, fix)
+        below = self._below_volumes(command, place, airspace, fix, low_m)
         to_volumes = replace(airspace, margins=replace(airspace.margins, vertical_m=0.0))
         vehicle.hold_at = None
         for hold, limits in ((lower, airspace), (below, to_volumes)):
@@ -87,13 +87,17 @@ class PlaceChecks:
         return below if free is None else self._held_at(vehicle, free)
 
     def _below_volumes(
-        self, command: HoldAt, place: Part, airspace: Airspace, fix: PositionFix
+        self, command: HoldAt, place: Part, airspace: Airspace, fix: PositionFix, low_m: float
     ) -> HoldAt:
-        """Return a hold raised above the ground, in a volume's vertical margin if necessary."""
+        """Return a hold raised above the ground, in a volume's vertical margin if necessary.
+
+        A hold at ``low_m`` clears the ground under its circle. Below volumes that begin lower than
+        this by the vertical margin, a hold would be too near the ground.
+        """
         floors_m = [
             volume.floor_m
             for volume in airspace.volumes
-            if volume.floor_m > place.lowest_m - airspace.margins.vertical_m
+            if volume.floor_m > low_m - airspace.margins.vertical_m
             and shapely.intersects(volume.area_m, place.shape)
         ]
         below_m = min([command.altitude_amsl_m, *(up - 1.0 for up in floors_m)])

@@ -148,6 +148,16 @@ def test_a_raised_hold_is_not_raised_into_a_volume_beside_it() -> None:
     assert hold.altitude_amsl_m <= GROUND_M + 100.0 - 15.0
 
 
+def test_a_raised_hold_stays_below_a_volume_that_begins_lower_than_the_ground_beside_it() -> None:
+    """At 40 m above the ground under its circle, the hold would be in the vertical margin."""
+    hill = Terrain(GROUND_M, hills=((-250.0, 0.0, 120.0, 40.0),))
+    flight = Flight((0.0, 0.0), 20.0, terrain=hill)
+    flight.close("above", (0.0, 0.0), 1500.0, floor_amsl_m=GROUND_M + 50.0)
+    (hold,) = of_kind(HoldAt, flight.order("hold"))
+    assert math.dist(place_of(hold), (0.0, 0.0)) < 1.0
+    assert GROUND_M + 30.0 <= hold.altitude_amsl_m < GROUND_M + 50.0
+
+
 @pytest.mark.parametrize(
     ("height_m", "mode", "is_free"),
     [(30.0, "return", True), (5.0, "return", False), (5.0, "mission", True)],
