@@ -24,6 +24,7 @@ from benchmarks.worlds.command_checks import CommandChecks
 from benchmarks.worlds.ground import Place, plane_m
 from benchmarks.worlds.outlines import Closed
 from benchmarks.worlds.rules import (
+    GOING_HOME,
     ROUNDING_M,
     Flown,
     Kind,
@@ -35,6 +36,7 @@ from benchmarks.worlds.rules import (
 )
 
 LOW_M = 15.0  # below this height above home and ground a vehicle takes off or lands
+STANDS_M = 1.0  # below this height above home or ground a vehicle may stand there
 MIN_HEIGHT_M = 15.0
 FREE_M = 350.0  # a vehicle farther from a volume that closes has the time to turn away
 REACTS_S = 20.0  # report, upload (up to 3 s), start, and the way ahead meanwhile
@@ -85,7 +87,7 @@ class Checker:
                     flown.low_until_s = self._at_s + REACTS_S
                 flown.mode = event["mode"]
                 if not event["armed"]:
-                    flown.airborne, flown.low_until_s = False, math.inf
+                    flown.airborne, flown.in_air, flown.low_until_s = False, False, math.inf
             case "UploadFinished":
                 sent = flown.sent.pop(event["mission_id"], None)
                 if event["outcome"] == "accepted" and sent is not None:
@@ -125,7 +127,9 @@ class Checker:
         flown.velocity_m_s = (event["velocity_east_m_s"], event["velocity_north_m_s"])
         was = flown.airborne
         over_ground_m = event["altitude_amsl_m"] - float(self.rules.terrain.ground_m(*place))
-        flown.airborne = max(event["altitude_relative_m"], over_ground_m) > LOW_M
+        heights_m = (event["altitude_relative_m"], over_ground_m)
+        flown.airborne = max(heights_m) > LOW_M
+        flown.in_air = flown.airborne or (flown.in_air and min(heights_m) > STANDS_M)
         if flown.airborne and not was:
             flown.low_until_s = math.inf
         if not (flown.airborne and flown.led):
@@ -145,7 +149,7 @@ class Checker:
         kind = self.rules.kinds[name]
         if height_m >= min(40.0, kind.height_m - 20.0):
             flown.low_until_s = -math.inf  # it has taken off
-        lands = flown.landing != "none" or flown.mode in ("return", "land")
+        lands = flown.landing != "none" or flown.mode in GOING_HOME
         if height_m < MIN_HEIGHT_M and not lands and flown.low_until_s < self._at_s:
             flown.low_until_s = math.inf  # one violation
             yield f"{name} is {height_m:.0f} m above the ground in mode {flown.mode}"

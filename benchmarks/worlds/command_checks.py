@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.worlds.ground import plane_m
 from benchmarks.worlds.outlines import Closed
-from benchmarks.worlds.rules import ROUNDING_M, Flown, Line, Position, Rules
+from benchmarks.worlds.rules import GOING_HOME, ROUNDING_M, Flown, Line, Position, Rules
 
 TERRAIN_M = 4.0  # the service knows the ground on a grid
 RETURN_ABOVE_M = 150.0  # returns may use any altitude up to this height above home
@@ -94,7 +94,7 @@ class CommandChecks:
         items = self._items(name, command)
         if not items:
             return []
-        start = flown.position if flown.airborne else None
+        start = flown.start
         leaves = command["why"] in ON_THE_WAY_OUT
         positions = [item.position for item in items]
         found = []
@@ -227,7 +227,7 @@ class CommandChecks:
             planned_m = one.position[2] + share * (other.position[2] - one.position[2])
             found += _lower(float(np.min(planned_m - ground_m)), kind.height_m, "a leg")
         first = items[0] if items else None
-        start = flown.position if flown.airborne else None
+        start = flown.start
         if first is not None and start is not None and first.command != TAKEOFF:
             height_m = first.position[2] - float(np.max(self._grounds_m(start, first.position)))
             found += _lower(height_m, kind.height_m, "the way to its first position")
@@ -263,7 +263,7 @@ class CommandChecks:
                 words = self._first_leg(name, volume, (*start[:2], high_m), home, margin_m)
                 found += [words] if words else []
         height_m = start[2] - home[2]
-        if flown.mode in ("return", "land") and height_m <= LANDS_BELOW_M:
+        if flown.mode in GOING_HOME and height_m <= LANDS_BELOW_M:
             return found
         over_ground_m = start[2] - float(np.max(self._grounds_m(start, home)))
         return found + _lower(over_ground_m, RETURN_CLEARANCE_M, "the straight way home")

@@ -11,6 +11,8 @@ Line = dict[str, Any]
 
 ROUNDING_M = 2.0  # of positions, and of the service's projection
 
+GOING_HOME = ("return", "land")  # modes
+
 Position = tuple[float, float, float]  # east, north, altitude above mean sea level, in metres
 
 
@@ -56,7 +58,8 @@ class Flown:
 
     position: Position | None = None
     velocity_m_s: Place = (0.0, 0.0)
-    airborne: bool = False
+    airborne: bool = False  # whether the vehicle is too high to take off or land
+    in_air: bool = False  # whether the vehicle has taken off, and has not touched the ground since
     led: bool = True
     mode: str = ""
     lands: bool = False  # whether the mission on board only lands
@@ -67,6 +70,15 @@ class Flown:
     commanded_s: float = -math.inf  # time of the last command that changes the flight
     leaves: bool = False  # whether that command was a mission out of, or around, closed airspace
     visits: dict[str, Visit] = field(default_factory=dict)
+
+    @property
+    def start(self) -> Position | None:
+        """The position where a mission would begin in the air; None if it would be a takeoff.
+
+        A vehicle that is low in a return or a landing counts as on the ground.
+        """
+        lands = self.mode in GOING_HOME or self.landing != "none"
+        return self.position if self.airborne or (self.in_air and not lands) else None
 
 
 def rules_of(scenario: Line, terrain: Terrain) -> Rules:

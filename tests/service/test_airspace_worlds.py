@@ -95,6 +95,31 @@ def test_the_checker_uses_times_and_altitudes_of_volumes() -> None:
     assert not found(lines, rules(floor_m=130.0, floor_agl=True))
 
 
+@pytest.mark.parametrize(
+    ("height_m", "mode", "towards_m", "is_free"),
+    [
+        (1.8, "hold", -300.0, True),  # it hovers, and may leave the margin
+        (1.8, "hold", 490.0, False),
+        (1.8, "return", -300.0, False),
+        (0.5, "hold", -300.0, False),  # it stands on the ground
+    ],
+)
+def test_the_checker_knows_a_vehicle_that_hovers_in_a_margin(
+    height_m: float, mode: str, towards_m: float, is_free: bool
+) -> None:
+    changed = {
+        "type": "ModeChanged",
+        "vehicle": "v0",
+        "at_us": 11_000_000,
+        "armed": True,
+        "mode": mode,
+    }
+    lines = [at(10.0, 460.0, 0.0), at(11.0, 460.0, 0.0, 300.0 + height_m), {"event": changed}]
+    leaves = upload((460.0, 0.0, 420.0), (towards_m, 0.0, 420.0))
+    assert (found([*lines, leaves], rules()) == []) is is_free
+    assert found([lines[-1], lines[-2], leaves], rules())  # before its takeoff
+
+
 def test_the_checker_finds_a_hill_between_two_positions() -> None:
     over = upload((100.0, 600.0, 420.0), (1500.0, 600.0, 420.0))
     assert not found([at(10.0, 0.0, 600.0), over], rules())
@@ -141,6 +166,7 @@ def test_a_world_is_the_same_each_time() -> None:
         *(40115, 40149, 40403, 40583, 40772, 41067, 50255, 50786, 50989),
         *(60454, 60833, 61123, 73452),
         *(92273, 92621, 93158, 70326, 81126, 80201, 200162, 201590, 302075),
+        *(7101969, 7102246),
     ],
 )
 def test_a_random_world_has_no_violation(seed: int) -> None:
@@ -159,7 +185,9 @@ def test_a_random_world_has_no_violation(seed: int) -> None:
     the upload of a way home, in 92621 a multirotor is low below a volume, in 93158 and 200162 a
     hold is raised beside a volume, in 70326 and 81126 the ground rises faster than a plane climbs,
     in 80201 a multirotor lands beside a volume, in 201590 an autopilot is restarted below the
-    altitude of its home, and in 302075 a hill is on the way home of an ordered return.
+    altitude of its home, and in 302075 a hill is on the way home of an ordered return. In 7101969 a
+    hold is raised below a volume because of ground beside its circle, and in 7102246 a multirotor
+    hovers in a margin after an interrupted landing.
     """
     assert fly(seed)[1] == []
 
