@@ -91,8 +91,9 @@ class PlaceChecks:
     ) -> HoldAt:
         """Return a hold raised above the ground, in a volume's vertical margin if necessary.
 
-        A hold at ``low_m`` clears the ground under its circle. Below volumes that begin lower than
-        this by the vertical margin, a hold would be too near the ground.
+        ``low_m`` is the altitude at which the hold clears the ground under its circle. Volumes that
+        begin below ``low_m`` less the vertical margin are ignored, because a hold below them would
+        be too near the ground.
         """
         floors_m = [
             volume.floor_m

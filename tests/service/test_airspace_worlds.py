@@ -104,7 +104,7 @@ def test_the_checker_uses_times_and_altitudes_of_volumes() -> None:
         (0.5, "hold", -300.0, False),  # it stands on the ground
     ],
 )
-def test_the_checker_knows_a_vehicle_that_hovers_in_a_margin(
+def test_the_checker_permits_a_hovering_vehicle_to_leave_a_margin(
     height_m: float, mode: str, towards_m: float, is_free: bool
 ) -> None:
     changed = {
