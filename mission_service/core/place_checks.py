@@ -53,7 +53,7 @@ class PlaceChecks:
             return raised(vehicle, state, words)
         if conflict is not None and isinstance(command, HoldAt):
             if target[2] > fix.altitude_m and math.dist(target[:2], (fix.x_m, fix.y_m)) < 1.0:
-                return [self._raised_hold(vehicle, fix, command, place, airspace)]
+                return self._raised_hold(vehicle, fix, command, place, airspace, conflict)
             return self._freed_hold(vehicle, fix, command, airspace, conflict)
         state.orbit = place
         return [command]  # a climb away from flames takes priority
@@ -65,12 +65,14 @@ class PlaceChecks:
         command: HoldAt,
         place: Part,
         airspace: Airspace,
-    ) -> HoldAt:
+        conflict: str,
+    ) -> list[AnyCommand]:
         """Return a hold, raised to clear the ground, that replaces a hold in closed airspace.
 
         The result is the first of these that is free: 40 m above the ground under its circle,
         rather than the ground within twice its reach; in the vertical margin of a volume above; at
-        the nearest free place over ground that is not higher.
+        the nearest free place over ground that is not higher. If none is free, the vehicle holds
+        in closed airspace, with a severe alarm.
         """
         low_m = circle_ground_m(vehicle, self._landscape) + RAISED_HOLD_AGL_M
         low_m = round(max(min(low_m, command.altitude_amsl_m), fix.altitude_m), 1)
@@ -82,9 +84,12 @@ class PlaceChecks:
             circle = self._space.of_hold_at(vehicle, hold)
             column = replace(circle, lowest_m=fix.altitude_m)
             if limits.conflict([column], self._landscape, position_of(fix)) is None:
-                return hold
+                return [hold]
         free = self._evasions.free_place(vehicle, fix, command, airspace)
-        return below if free is None else self._held_at(vehicle, free)
+        if free is not None:
+            return [self._held_at(vehicle, free)]
+        words = f"holds although it enters {conflict}: every other hold is too near the ground"
+        return [*raised(vehicle, self._states[vehicle.name], words, "severe"), below]
 
     def _below_volumes(
         self, command: HoldAt, place: Part, airspace: Airspace, fix: PositionFix, low_m: float

@@ -9,7 +9,7 @@ from autopilot_bridge.items import has_position, waypoint
 from benchmarks.worlds.ground import CENTRE, Terrain, lat_lon_of, plane_m
 from benchmarks.worlds.light_flight import LightCore
 from benchmarks.worlds.random_world import landscape_of
-from mission_service.commands import AnyCommand, HoldAt, StartMission, UploadMission
+from mission_service.commands import AnyCommand, HoldAt, RaiseAlarm, StartMission, UploadMission
 from mission_service.config.scenario import load_scenario
 from mission_service.events import (
     AirspaceClosed,
@@ -156,6 +156,18 @@ def test_a_raised_hold_stays_below_a_volume_that_begins_lower_than_the_ground_be
     (hold,) = of_kind(HoldAt, flight.order("hold"))
     assert math.dist(place_of(hold), (0.0, 0.0)) < 1.0
     assert GROUND_M + 30.0 <= hold.altitude_amsl_m < GROUND_M + 50.0
+
+
+def test_a_raised_hold_that_is_nowhere_free_is_flown_with_a_severe_alarm() -> None:
+    """Below the volume, the hold would be 22 m above the ground."""
+    flight = Flight((0.0, 0.0), 20.0)
+    flight.close("above", (0.0, 0.0), 6000.0, floor_amsl_m=GROUND_M + 22.0)
+    commands = flight.order("hold")
+    (hold,) = of_kind(HoldAt, commands)
+    assert hold.altitude_amsl_m == pytest.approx(GROUND_M + 40.0, abs=0.2)
+    (alarm,) = [each for each in of_kind(RaiseAlarm, commands) if each.severity == "severe"]
+    assert "above" in alarm.text
+    assert "too near the ground" in alarm.text
 
 
 @pytest.mark.parametrize(
