@@ -24,7 +24,6 @@ from benchmarks.worlds.command_checks import CommandChecks
 from benchmarks.worlds.ground import Place, plane_m
 from benchmarks.worlds.outlines import Closed
 from benchmarks.worlds.rules import (
-    GOING_HOME,
     ROUNDING_M,
     Flown,
     Kind,
@@ -149,8 +148,7 @@ class Checker:
         kind = self.rules.kinds[name]
         if height_m >= min(40.0, kind.height_m - 20.0):
             flown.low_until_s = -math.inf  # it has taken off
-        lands = flown.landing != "none" or flown.mode in GOING_HOME
-        if height_m < MIN_HEIGHT_M and not lands and flown.low_until_s < self._at_s:
+        if height_m < MIN_HEIGHT_M and not flown.comes_down and flown.low_until_s < self._at_s:
             flown.low_until_s = math.inf  # one violation
             yield f"{name} is {height_m:.0f} m above the ground in mode {flown.mode}"
 

@@ -72,13 +72,18 @@ class Flown:
     visits: dict[str, Visit] = field(default_factory=dict)
 
     @property
+    def comes_down(self) -> bool:
+        """Whether the vehicle returns or lands."""
+        return self.mode in GOING_HOME or self.landing != "none"
+
+    @property
     def start(self) -> Position | None:
         """The position where a mission would begin in the air; None if it would be a takeoff.
 
         A vehicle that is low in a return or a landing counts as on the ground.
         """
-        lands = self.mode in GOING_HOME or self.landing != "none"
-        return self.position if self.airborne or (self.in_air and not lands) else None
+        flies = self.airborne or (self.in_air and not self.comes_down)
+        return self.position if flies else None
 
 
 def rules_of(scenario: Line, terrain: Terrain) -> Rules:

@@ -279,8 +279,8 @@ class AnyAngleFire(Fire):
         found._labels, found.arrival_time_s, found._ground = labels, arrival_time_s, ground
         times, keys, waiting = self._queue
         found._queue = Queue(times.copy(), keys.copy(), waiting.copy())
-        at, beside, origin = self._points.first(self._used)
-        found._points = Points(at.copy(), beside.copy(), origin.copy())
+        at, beside, bend_source = self._points.first(self._used)
+        found._points = Points(at.copy(), beside.copy(), bend_source.copy())
         found._changes_s, found._ignitions = self._changes_s.copy(), self._ignitions.copy()
         return found
 
@@ -382,9 +382,9 @@ class AnyAngleFire(Fire):
         self._queue = Queue(times, keys, waiting)
         if self._used + room > len(self._points.at):
             size = 2 * (self._used + room)
-            at, beside, origin = self._points
+            at, beside, bend_source = self._points
             self._points = Points(
-                enlarged(at, size), enlarged(beside, size), enlarged(origin, size)
+                enlarged(at, size), enlarged(beside, size), enlarged(bend_source, size)
             )
 
     def _ignite(self, at_s: float, row: int, col: int) -> None:

@@ -325,19 +325,20 @@ def _bend_edge(source, to, ground, entry):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fastest_bend(  # type: ignore[no-untyped-def]
-    source, to, edge, place, step, along_row, until_s, ground, entry
+def _add_fastest_bend(  # type: ignore[no-untyped-def]
+    y, x, key, source, bend, worth_s, points, used, labels, ground, lattice, entry
 ):
-    """Search along an edge for the position of a bend from which ``to`` (y, x) is reached earliest.
+    """Improve a node's label: search along an edge for the fastest bend between source and node.
 
-    ``source`` is a position and a time (y, x, s), ``place`` the position along the edge at which
-    the search begins. Returns the arrival time at ``to``, the position along the edge, and the
-    arrival time there. The position is -1 if no arrival is earlier than ``until_s``.
+    ``bend`` consists of the row or the column of the edge, whether the edge is along a row, the
+    position along it at which the search begins, and the first step. If the gain in time is more
+    than ``worth_s``, a point is added at the bend. Returns the number of points in use.
     """
-    from_y, from_x, from_s = source
-    y, x = to
-    most = ground.cols if along_row else ground.reach.size // ground.cols
-    found_s, found, bend_s = until_s, -1.0, 0.0
+    best_s, sources, _ = labels
+    edge, along_row, place, step = bend
+    from_y, from_x, from_s = place_of(source, points, labels, lattice)
+    most = ground.cols if along_row else lattice.rows
+    found_s, found, bend_s = best_s[key] * (1.0 - ROUNDING), -1.0, 0.0
     for _ in range(SEARCH_ROUNDS):
         centre = place if found < 0.0 else found
         for side in (-step, step):
@@ -355,7 +356,11 @@ def _fastest_bend(  # type: ignore[no-untyped-def]
                     break
                 found_s, found, bend_s = from_s + first_s + then_s, at, from_s + first_s
         step *= 0.4
-    return found_s, found, bend_s
+    if found >= 0.0 and found_s < best_s[key] - worth_s:
+        best_s[key], sources[key] = found_s, best_s.size + used
+        at_y, at_x = (edge, found) if along_row else (found, edge)
+        used = add_bend(points, used, at_y, at_x, bend_s, source)
+    return used
 
 
 @kernel
@@ -366,7 +371,6 @@ def bend(y, x, key, worth, points, used, labels, ground, lattice, entry):  # typ
     number of points in use.
     """
     best_s, sources, _ = labels
-    n = best_s.size
     source = np.int64(sources[key])
     start = place_of(source, points, labels, lattice)
     from_y, from_x, from_s = start
@@ -374,15 +378,10 @@ def bend(y, x, key, worth, points, used, labels, ground, lattice, entry):  # typ
     if edge < 0.0:
         return used
     step = max(SEARCH_CELLS, SEARCH_SHARE * max(abs(y - from_y), abs(x - from_x)))
-    until_s = best_s[key] * (1.0 - ROUNDING)
-    found_s, found, bend_s = _fastest_bend(
-        start, (y, x), edge, place, step, along_row, until_s, ground, entry
+    found, worth_s = (edge, along_row, place, step), worth * (best_s[key] - from_s)
+    return _add_fastest_bend(
+        y, x, key, source, found, worth_s, points, used, labels, ground, lattice, entry
     )
-    if found >= 0.0 and found_s < best_s[key] - worth * (best_s[key] - from_s):
-        best_s[key], sources[key] = found_s, n + used
-        at_y, at_x = (edge, found) if along_row else (found, edge)
-        used = add_bend(points, used, at_y, at_x, bend_s, source)
-    return used
 
 
 @kernel
@@ -394,26 +393,17 @@ def move_bend(y, x, key, since_s, points, used, labels, ground, lattice, entry):
     last weather change, are not moved. Returns the number of points in use.
     """
     best_s, sources, _ = labels
-    n = best_s.size
-    point = np.int64(sources[key]) - n
-    origin = np.int64(points.origin[point])
-    if origin < 0:
-        return used
-    start = place_of(origin, points, labels, lattice)
-    if start[2] < since_s:
+    point = np.int64(sources[key]) - best_s.size
+    source = np.int64(points.bend_source[point])
+    if source < 0 or place_of(source, points, labels, lattice)[2] < since_s:
         return used
     bend_y, bend_x, bend_s = points.at[point, 0], points.at[point, 1], points.at[point, 2]
     along_row = bend_y == np.floor(bend_y)
     edge, place = (bend_y, bend_x) if along_row else (bend_x, bend_y)
-    until_s = best_s[key] * (1.0 - ROUNDING)
-    found_s, found, found_bend_s = _fastest_bend(
-        start, (y, x), edge, place, SEARCH_CELLS, along_row, until_s, ground, entry
+    moved, worth_s = (edge, along_row, place, SEARCH_CELLS), WORTH_A_MOVE * (best_s[key] - bend_s)
+    return _add_fastest_bend(
+        y, x, key, source, moved, worth_s, points, used, labels, ground, lattice, entry
     )
-    if found >= 0.0 and found_s < best_s[key] - WORTH_A_MOVE * (best_s[key] - bend_s):
-        best_s[key], sources[key] = found_s, n + used
-        at_y, at_x = (edge, found) if along_row else (found, edge)
-        used = add_bend(points, used, at_y, at_x, found_bend_s, origin)
-    return used
 
 
 @inlined

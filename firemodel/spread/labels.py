@@ -47,11 +47,11 @@ class Points(NamedTuple):
     at: Floats  # (k, 3) position and time: y, x, s
     beside: NDArray[np.int32]  # (k, 2) the next points on both sides along the front; -1 for none
     # (k) for a bend, the source of the line that leads to it: a key, or keys + index; -1: no bend
-    origin: NDArray[np.int32]
+    bend_source: NDArray[np.int32]
 
     def first(self, count: int) -> "Points":
         """Return views of the first ``count`` points."""
-        return Points(self.at[:count], self.beside[:count], self.origin[:count])
+        return Points(self.at[:count], self.beside[:count], self.bend_source[:count])
 
 
 class Queue(NamedTuple):
@@ -265,15 +265,15 @@ def add_point(points, used, y, x, at_s, left, right):  # type: ignore[no-untyped
     """Store a point in row ``used`` and return the number of points in use."""
     points.at[used, 0], points.at[used, 1], points.at[used, 2] = y, x, at_s
     points.beside[used, 0], points.beside[used, 1] = left, right
-    points.origin[used] = -1
+    points.bend_source[used] = -1
     return used + 1
 
 
 @kernel
-def add_bend(points, used, y, x, at_s, origin):  # type: ignore[no-untyped-def]
-    """Store a bend in the line from the source ``origin``; return the number of points in use."""
+def add_bend(points, used, y, x, at_s, source):  # type: ignore[no-untyped-def]
+    """Store a bend in the line from ``source``; return the number of points in use."""
     add_point(points, used, y, x, at_s, -1, -1)
-    points.origin[used] = origin
+    points.bend_source[used] = source
     return used + 1
 
 
@@ -356,7 +356,7 @@ def without_unused(points: Points, labels: Labels, since_s: float) -> tuple[Poin
     new_source = labels.source.copy()
     new_source[at_point] = keys + number[source]
     return (
-        # The bends that are kept are no longer moved: the indices of their origins have changed.
+        # The bends that are kept are no longer moved: the indices of their sources have changed.
         Points(
             points.at[kept],
             beside[kept].astype(np.int32),
