@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -28,6 +28,7 @@ class Volume:
         ceiling_m: Upper limit, in metres above mean sea level; inf: none.
         from_s: Mission time from which the volume is closed.
         until_s: Mission time at which the volume opens again; inf: never.
+        floor_agl_m: Height above ground from which ``floor_m`` was computed; None: given otherwise.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Volume:
     ceiling_m: float = math.inf
     from_s: float = 0.0
     until_s: float = math.inf
+    floor_agl_m: float | None = None
 
     @property
     def words(self) -> str:
@@ -107,7 +109,20 @@ def volume_of(entry: ClosedVolume, landscape: Landscape) -> Volume:
             f"above its floor ({floor_m:.0f} m); correct one of them"
         )
     until_s = math.inf if entry.until_s is None else entry.until_s
-    return Volume(entry.name, area_m, floor_m, ceiling_m, entry.from_s, until_s)
+    agl_m = entry.floor_agl_m if entry.floor_amsl_m is None else None
+    return Volume(entry.name, area_m, floor_m, ceiling_m, entry.from_s, until_s, agl_m)
+
+
+def floor_over(volume: Volume, place_m: BaseGeometry, landscape: Landscape) -> Volume:
+    """Return the volume with its floor measured from the lowest ground in one place (x, y).
+
+    This floor is valid for flights within ``place_m`` only. It is not below that of the whole
+    volume, because the lowest ground in a place is not below the lowest ground in the area.
+    """
+    if volume.floor_agl_m is None:
+        return volume
+    floor_m = ground_range_m(place_m, landscape)[0] + volume.floor_agl_m
+    return replace(volume, floor_m=max(floor_m, volume.floor_m))
 
 
 def require_homes_inside(scenario: Scenario, landscape: Landscape) -> None:

@@ -23,7 +23,7 @@ from mission_service.airspace.occupied_space import (
 )
 from mission_service.airspace.routes import Detours, exits_from
 from mission_service.airspace.volume_files import volumes_in
-from mission_service.airspace.volumes import OUTSIDE, Volume, volumes_of
+from mission_service.airspace.volumes import OUTSIDE, Volume, floor_over, volumes_of
 from mission_service.cli.main import main
 from mission_service.commands import (
     AnyCommand,
@@ -91,6 +91,17 @@ def test_a_volume_above_the_ground_covers_the_highest_ground(land: Landscape) ->
     assert volume.floor_m <= min(ground) + 50.0
     assert volume.ceiling_m >= max(ground) + 200.0
     assert max(ground) - min(ground) > 50.0  # the ground is not flat
+
+
+def test_a_floor_above_ground_is_measured_in_the_place_of_a_flight(land: Landscape) -> None:
+    entry = {"name": "x", "corners": square(FIRE, 900.0), "floor_agl_m": 50}
+    (volume,) = volumes_of(AirspaceSection.model_validate({"closed": [entry]}), land)
+    x_m, y_m = land.xy_of_lat_lon(*FIRE)
+    circle = shapely.Point(x_m, y_m).buffer(80.0)
+    ground_m = [float(land.elevation_at(*place)) for place in circle.exterior.coords]
+    over = floor_over(volume, circle, land)
+    assert volume.floor_m + 3.0 < over.floor_m <= min(ground_m) + 50.0
+    assert floor_over(BLOCK, circle, land) is BLOCK  # its limits are above mean sea level
 
 
 def test_a_circle_is_not_smaller_than_its_radius(land: Landscape) -> None:

@@ -32,6 +32,7 @@ FLAGS = [
     "--use-angle=swiftshader",  # WebGL without a graphics card
     "--enable-unsafe-swiftshader",
 ]
+NO_RESPONSE = "net::ERR_"  # in the error of each request to a service that was killed
 READY_MS = PATIENCE_S * 1e3 / 2  # test machines may be busy
 expect.set_options(timeout=READY_MS)
 
@@ -66,16 +67,27 @@ class Seen:
     def __init__(self, context: BrowserContext) -> None:
         self.hosts: set[str] = set()
         self.complaints: list[str] = []
+        self._ignored: list[str] = []
         context.on("request", lambda request: self.hosts.add(_host(request.url)))
         context.on(
             "console",
             lambda message: (
-                self.complaints.append(message.text)
-                if message.type in ("error", "warning")
-                else None
+                self._add(message.text) if message.type in ("error", "warning") else None
             ),
         )
-        context.on("weberror", lambda error: self.complaints.append(str(error.error)))
+        context.on("weberror", lambda error: self._add(str(error.error)))
+
+    def ignore(self, part: str) -> None:
+        """Drop the errors that contain this text, past ones and later ones."""
+        self._ignored.append(part)
+        self.complaints[:] = [each for each in self.complaints if not self._is_ignored(each)]
+
+    def _add(self, complaint: str) -> None:
+        if not self._is_ignored(complaint):
+            self.complaints.append(complaint)
+
+    def _is_ignored(self, complaint: str) -> bool:
+        return any(part in complaint for part in self._ignored)
 
 
 def _host(url: str) -> str:

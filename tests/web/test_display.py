@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.web.browser import Seen, context_of, draw, page_of, place_of, show_log
+from tests.web.browser import NO_RESPONSE, Seen, context_of, draw, page_of, place_of, show_log
 from tests.web.readability import (
     axe_problems,
     cut_texts,
@@ -439,7 +439,7 @@ def test_waiting_plans_have_a_badge_and_a_sound_at_every_size(
         page.locator("#panel-vehicles .question").get_by_role("button", name="Refuse").click()
         page.get_by_role("button", name="Plan and send now").click()
         wait_for(lambda: 660 in page.evaluate("window.sounded"), 60, "a new plan sounds")
-        seen.complaints[:] = [each for each in seen.complaints if "409" not in each]
+        seen.ignore("status of 409")
 
 
 def test_a_burn_and_an_alarm_are_accessible(
@@ -458,7 +458,7 @@ def test_a_burn_and_an_alarm_are_accessible(
         service.process.kill()
         expect(page.locator("#top .link.lost")).to_be_visible()
         assert_accessible(page, "lost service")
-        seen.complaints.clear()  # errors of requests without a response
+        seen.ignore(NO_RESPONSE)
 
 
 def test_the_page_is_small_and_is_painted(chromium: Browser, fire: Service) -> None:

@@ -19,6 +19,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.web.browser import (
+    NO_RESPONSE,
     Seen,
     draw,
     page_of,
@@ -491,7 +492,7 @@ def test_a_lost_service_is_an_alarm_with_the_age_of_the_picture(
         expect(page.locator(".alarm.severe")).to_contain_text("Service lost")
         expect(page.locator(".alarm.severe")).to_contain_text("old")
         state_view(page, "service-lost")
-        seen.complaints.clear()  # error of each attempt without a response
+        seen.ignore(NO_RESPONSE)
 
 
 def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
@@ -539,7 +540,7 @@ def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
             )
             state_view(page, "orbits")
             # Figures that were requested just when another operator had accepted the mission.
-            seen.complaints[:] = [each for each in seen.complaints if "409" not in each]
+            seen.ignore("status of 409")
 
 
 def test_a_burn_plan_is_rejected_and_the_next_approved(chromium: Browser, tmp_path: Path) -> None:

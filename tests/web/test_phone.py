@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from tests.web import browser as screen
-from tests.web.browser import Seen, page_of
+from tests.web.browser import NO_RESPONSE, Seen, page_of
 from tests.web.service import BURN, Service, running
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card
@@ -122,4 +122,4 @@ def test_abort_is_in_reach_when_the_service_is_lost(
     expect(page.locator("#top .link.lost")).to_be_visible()
     expect(page.locator("#alarms .alarm").first).to_be_visible()
     assert_abort_in_reach(page, "lost")
-    seen.complaints.clear()  # error of requests without a response
+    seen.ignore(NO_RESPONSE)
