@@ -172,17 +172,27 @@ def _require_finite(name: str, places: Iterable[float]) -> None:
 
 
 def ground_range_m(area_m: BaseGeometry, landscape: Landscape) -> tuple[float, float]:
-    """Return the lowest and highest ground in an area; off the grid, the edge's is used."""
+    """Return the lowest and highest ground in an area; off the grid, the edge's is used.
+
+    The ground between the centres of cells is interpolated bilinearly. Its extremes are therefore
+    at centres or on the outline, which is sampled at an eighth of the cell size (in long outlines,
+    at 100,000 points).
+    """
+    outline = area_m.boundary
+    step_m = max(landscape.cell_size_m / 8.0, outline.length / 1e5)
+    x_m, y_m = shapely.get_coordinates(shapely.segmentize(outline, step_m)).T
+    outline_ground_m = np.asarray(landscape.elevation_at(x_m, y_m))
+    assert landscape.elevation_m is not None
     west_m, south_m, east_m, north_m = area_m.bounds
-    size_m = landscape.cell_size_m
-    count = [
-        min(400, math.ceil(side_m / size_m) + 2) for side_m in (east_m - west_m, north_m - south_m)
+    top, left = landscape.row_col_of(west_m, north_m)
+    below, beyond = landscape.row_col_of(east_m, south_m)
+    height, width = landscape.shape
+    rows, cols = np.mgrid[
+        max(math.ceil(top), 0) : min(math.floor(below) + 1, height),
+        max(math.ceil(left), 0) : min(math.floor(beyond) + 1, width),
     ]
-    x_m, y_m = np.meshgrid(
-        np.linspace(west_m, east_m, count[0]), np.linspace(south_m, north_m, count[1])
-    )
-    near = shapely.dwithin(area_m, shapely.points(x_m, y_m), 2.0 * size_m)
-    ground_m = np.asarray(landscape.elevation_at(x_m, y_m))[near]
+    inside = shapely.intersects_xy(area_m, *landscape.xy_of(rows, cols))
+    ground_m = np.append(outline_ground_m, landscape.elevation_m[rows[inside], cols[inside]])
     return float(ground_m.min()), float(ground_m.max())
 
 
