@@ -2,6 +2,7 @@
 
 list requested --MISSION_COUNT--> item requested --item--> item requested
 item requested --last item--> ended (MISSION_ACK sent)
+item requested --no item for 6 s--> list requested
 Every request is repeated on timeout.
 """
 
@@ -20,6 +21,9 @@ from autopilot_bridge.missions.transfer import (
 # Additional retries for each item. With 20 % loss in each direction a request and its reply arrive
 # with probability 0.64, so some downloads of fifty items would fail without these retries.
 MORE_RETRIES = 2
+# PX4 ends a download after 5 s without a message and then ignores requests for its items. The list
+# is therefore requested again after this time without an item, and once more after twice this time.
+BEGINS_AGAIN_AFTER_US = 6_000_000
 
 
 class RequestRepeater(Exchange):
@@ -56,6 +60,7 @@ class MissionDownload(RequestRepeater):
         super().__init__(address, timing)
         self._count: int | None = None
         self._items: list[MissionItem] = []
+        self._restarts = 0
 
     def start(self, now_us: int) -> list[Message]:
         """Request the number of items."""
@@ -67,10 +72,20 @@ class MissionDownload(RequestRepeater):
         )
 
     def begin_again(self, now_us: int) -> list[Message]:
-        """Request the list again over another link of the vehicle."""
+        """Request the list again, for example over another link of the vehicle."""
         self._count = None
         self._items.clear()
         return self.start(now_us)
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Repeat the request, begin again, or fail after the last retry."""
+        if self.result is not None or now_us < self._deadline_us or self._count is None:
+            return super().handle_timer(now_us)
+        silent_us = (self._tries + 1) * self._timing.timeout_us
+        if silent_us < (self._restarts + 1) * BEGINS_AGAIN_AFTER_US:
+            return super().handle_timer(now_us)
+        self._restarts += 1
+        return self.begin_again(now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Process a count or an item, and return the next request."""

@@ -261,6 +261,35 @@ def test_over_any_link_a_download_ends_and_success_means_the_mission_was_read(
         assert result.items == kept(line_of(8), stack)
 
 
+@each_stack
+def test_a_download_that_the_autopilot_has_forgotten_begins_again(stack: Stack) -> None:
+    """PX4 ends a download after 5 s without a message, and ignores later requests for items."""
+    pair = connected(stack)
+    pair.result_of(upload(pair, line_of(8)))
+    lost_until_us = 0
+
+    def lost(name: str) -> bool:
+        nonlocal lost_until_us
+        if name == "MISSION_REQUEST_INT" and not lost_until_us:
+            lost_until_us = pair.now_us + 8 * SECOND
+        return pair.now_us < lost_until_us
+
+    pair.up = Choosy(lost)
+    result = pair.result_of(pair.client.download(pair.now_us, by_file=False))
+    assert result.outcome == "accepted"
+    assert result.items == kept(line_of(8), stack)
+
+
+def test_a_download_of_which_no_item_arrives_fails() -> None:
+    pair = connected(PX4)
+    pair.result_of(upload(pair, line_of(8)))
+    pair.up = Choosy(lambda name: name == "MISSION_REQUEST_INT")
+    began_us = pair.now_us
+    result = pair.result_of(pair.client.download(pair.now_us, by_file=False))
+    assert result.outcome == "failed"
+    assert pair.now_us - began_us < 90 * SECOND
+
+
 def test_a_last_item_that_never_arrived_is_not_taken_for_success() -> None:
     items = 0
 
