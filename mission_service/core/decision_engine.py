@@ -189,6 +189,7 @@ class DecisionEngine:
             availability.restarted_in_air = False
             availability.mode_is_ordered = True
             availability.expected_until_s.clear()
+            availability.unacknowledged.clear()
             self.planners[event.vehicle].left(at_s)
         elif event.mode == MISSION:  # ordered, even if a pilot selected the mode
             if (event.mode, event.armed) != before:  # not a repeated report

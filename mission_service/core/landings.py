@@ -302,17 +302,19 @@ class Landings:
 
     def _sending(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         state, accepted = vehicle.landing_state, vehicle.accepted
-        if state.again_at_s is not None:
+        on_board = vehicle.pending is None and accepted is not None and accepted.lands
+        flies_landing = on_board and vehicle.mode == MISSION  # also after a late acknowledgement
+        if state.again_at_s is not None and not flies_landing:
             if fix.at_s < state.again_at_s or vehicle.availability.in_failsafe:
                 return []
             state.again_at_s = None
             return self._send(vehicle, fix)
-        on_board = vehicle.pending is None and accepted is not None and accepted.lands
         if not on_board and not vehicle.awaits_mission:
             return self._failed(vehicle, "its mission was not sent", round(fix.at_s * 1e6))
         if not on_board:
             return []
-        if vehicle.mode == MISSION:
+        if flies_landing:
+            state.again_at_s = None
             return self._enter(vehicle, LandingPhase.APPROACH, fix.at_s)
         if fix.at_s < state.start_again_at_s or vehicle.availability.in_failsafe:
             return []

@@ -102,6 +102,7 @@ class VehicleAvailability:
     estimator_healthy: bool = True
     fix: PositionFix | None = None
     expected_until_s: dict[type[AnyCommand], float] = field(default_factory=dict)
+    unacknowledged: dict[type[AnyCommand], int] = field(default_factory=dict)  # commands sent
 
     @property
     def position_good(self) -> bool:
@@ -153,13 +154,20 @@ class VehicleAvailability:
     def on_sent(self, kind: type[AnyCommand], at_s: float) -> None:
         """Record a command of ``LEADS_TO`` that is sent."""
         self.expected_until_s[kind] = at_s + UNANSWERED_S
+        self.unacknowledged[kind] = self.unacknowledged.get(kind, 0) + 1
         if kind is not UploadMission:
             self.accepted_mode, self.ordered_before_restart = "", False
 
     def on_acknowledged(self, kind: type[AnyCommand], accepted: bool, at_s: float) -> None:
-        """Record an acknowledged command, which may change the mode for ``TAKES_EFFECT_S``."""
+        """Record an acknowledged command, which may change the mode for ``TAKES_EFFECT_S``.
+
+        If another command of this kind is still unacknowledged, for example the one that replaced
+        this one, the time until which it may change the mode remains.
+        """
         if kind in self.expected_until_s:
-            self.expected_until_s[kind] = at_s + TAKES_EFFECT_S
+            self.unacknowledged[kind] = max(self.unacknowledged.get(kind, 0) - 1, 0)
+            if not self.unacknowledged[kind]:
+                self.expected_until_s[kind] = at_s + TAKES_EFFECT_S
             if accepted and (kind is Return or (kind is Hold and self.hold_is_ordered)):
                 self.accepted_mode = LASTING[kind]
 
@@ -170,6 +178,7 @@ class VehicleAvailability:
         mode by ``ended_s``, this mode counts as commanded if the next report contains it.
         """
         self.online = False
+        self.unacknowledged.clear()
         expected = (mode for kind, mode in LASTING.items() if self.is_expected(kind, ended_s))
         restarted_again = self.ordered_before_restart
         if self.accepted_mode not in expected and not restarted_again:

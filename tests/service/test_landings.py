@@ -368,6 +368,33 @@ def test_a_refused_start_of_the_landing_is_repeated_and_then_reported(land: Land
     assert flight.phase() == "none"
 
 
+def test_a_landing_that_began_after_a_refused_start_is_not_sent_again(land: Landscape) -> None:
+    """The acknowledgement of the start was lost, but the vehicle flies its landing mission."""
+    flight = Vehicles(land)
+    flight.mode("hold")
+    flight.order("land", confirmed=True)
+    flight.answer_uploads()
+    flight.answer("fly landing", accepted=False)
+    flight.mode("mission")
+    assert not to_vehicle(flight.at(CRUISE_M, later_s=2.0))
+    assert flight.phase() == "approach"
+    assert not to_vehicle(flight.at(CRUISE_M, later_s=6.0))
+
+
+@pytest.mark.parametrize("replaced", [True, False])
+def test_a_hold_that_replaced_another_one_may_take_effect_later(
+    land: Landscape, replaced: bool
+) -> None:
+    flight = Vehicles(land)
+    flight.order("hold")
+    if replaced:
+        flight.order("hold")
+    flight.answer("hold", accepted=False)
+    flight.at(CRUISE_M, later_s=10.0)
+    flight.mode("hold")
+    assert flight.core.vehicles["hawk"].availability.taken_over != replaced
+
+
 def phase_reached(flight: Vehicles, phase: str) -> None:
     """Let a vehicle reach a phase of a landing."""
     if phase == "waiting":
