@@ -345,6 +345,32 @@ def test_a_late_item_of_the_upload_before_does_not_end_an_upload_to_px4() -> Non
     assert held(pair) == kept(new, PX4)
 
 
+def test_an_upload_to_px4_succeeds_although_an_error_of_the_upload_before_arrives() -> None:
+    """The first MISSION_COUNT is lost, and a late error of the previous upload arrives."""
+    counts = 0
+
+    def first_count(name: str) -> bool:
+        nonlocal counts
+        counts += name == "MISSION_COUNT"
+        return name == "MISSION_COUNT" and counts == 1
+
+    pair = connected(PX4, up=Choosy(first_count))
+    transfer_id = upload(pair, line_of(6))
+    pair.run_for(0.2)
+    pair.client.receive_data(stray(Codec(1, 1), (255, 190), 0), pair.now_us)
+    assert pair.result_of(transfer_id).outcome == "accepted"
+    assert held(pair) == kept(line_of(6), PX4)
+
+
+def test_an_upload_that_px4_refuses_with_an_error_is_rejected_after_the_retries() -> None:
+    pair = connected(PX4, up=Choosy(lambda name: name == "MISSION_COUNT"))
+    transfer_id = upload(pair, line_of(6))
+    pair.run_for(0.2)
+    pair.client.receive_data(stray(Codec(1, 1), (255, 190), 0), pair.now_us)
+    result = pair.result_of(transfer_id)
+    assert (result.outcome, result.code) == ("rejected", mavlink.MAV_MISSION_ERROR)
+
+
 @each_stack
 @pytest.mark.parametrize("after_items", [0, 1, 4])
 def test_a_cancelled_upload_has_really_ended(stack: Stack, after_items: int) -> None:
