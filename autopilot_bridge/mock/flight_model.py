@@ -24,6 +24,8 @@ from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.stack_constants import stack_constants_of
 from autopilot_bridge.stacks.return_flight import (
     MULTIROTOR_BEGIN_S,
+    PX4_CLIMB_ENDS_BELOW_M,
+    PX4_CLIMB_WITHIN_M,
     UNREAD,
     ReturnFlight,
     true_airspeed_factor,
@@ -88,6 +90,7 @@ class FlightModel(Body):
     _cruise_m_s: float = field(init=False)
     _powered: Limits = field(init=False)  # the limits while the engine runs
     _return_amsl_m: float = field(init=False)
+    _in_return_climb: bool = False  # of a PX4 plane
     _stops: bool = False  # a multirotor stops before it flies home
     _flies_home_at_s: float = math.inf  # after it has stopped
     _disarm_at_s: float = math.inf
@@ -502,6 +505,7 @@ class FlightModel(Body):
         Planes keep the calibrated airspeed; the limits contain the true airspeed.
         """
         motion, speed_m_s = self.motion, self.returns.speed_m_s or self._cruise_m_s
+        self._in_return_climb = (self.stack.name, self.stack.vehicle) == ("px4", "plane")
         if self.stack.vehicle == "plane":
             speed_m_s *= true_airspeed_factor(motion.altitude_m)
         else:
@@ -518,13 +522,11 @@ class FlightModel(Body):
         Copters stop first. Copters, and planes with PX4, climb to their return height before they
         fly home (ArduCopter 4.6, PX4 1.17).
         """
-        low = self.motion.altitude_m < self._return_amsl_m - HIGH_ENOUGH_M
         if self.stack.vehicle == "plane" and not self.hovers:
-            climbs = low and self.stack.name == "px4"
-            self.loiter(
-                self._hold_at[:2] if climbs else (0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M
-            )
+            place = self._hold_at[:2] if self._climbs_to_return() else (0.0, 0.0)
+            self.loiter(place, self._return_amsl_m, DEFAULT_RADIUS_M)
             return False
+        low = self.motion.altitude_m < self._return_amsl_m - HIGH_ENOUGH_M
         if not self.airborne:
             return True
         if self._stops:
@@ -538,6 +540,16 @@ class FlightModel(Body):
         place = (self.motion.north_m, self.motion.east_m) if low else (0.0, 0.0)
         self.loiter(place, self._return_amsl_m, 0.0)
         return False
+
+    def _climbs_to_return(self) -> bool:
+        """Return whether a PX4 plane still climbs in a circle; at its end, keep the altitude."""
+        if not self._in_return_climb:
+            return False
+        near = self.distance(self._hold_at[:2]) <= PX4_CLIMB_WITHIN_M
+        if self.motion.altitude_m >= self._return_amsl_m - PX4_CLIMB_ENDS_BELOW_M and near:
+            self._in_return_climb = False
+            self._return_amsl_m = self.motion.altitude_m
+        return self._in_return_climb
 
     def _return_item(self, now_s: float) -> bool:
         """Execute NAV_RETURN_TO_LAUNCH: a leg on ArduCopter, a mode change on other vehicles."""

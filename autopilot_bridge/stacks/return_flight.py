@@ -23,6 +23,12 @@ _PARAMETERS = {
 # Time that a multirotor loses, besides stopping and accelerating, until its controllers settle on
 # the heading home, measured in the simulators of PX4 1.17 (SIH) and ArduCopter 4.6.2.
 MULTIROTOR_BEGIN_S = {"px4": 6.0, "ardupilot": 0.0}
+# A PX4 1.17 plane that is more than NAV_FW_ALT_RAD below its return altitude begins its return by a
+# climb in a circle of the radius NAV_LOITER_RAD about its position, clockwise. It leaves the circle
+# on any heading, when it is within NAV_FW_ALT_RAD of the return altitude and within the radius plus
+# NAV_ACC_RAD of the centre, and flies home at the altitude that it then has. Defaults of PX4:
+PX4_CLIMB_ENDS_BELOW_M = 10.0
+PX4_CLIMB_RADIUS_M, PX4_CLIMB_WITHIN_M = 80.0, 90.0
 _TO_LANDING = (1, 2, 3, 4)  # values of RTL_TYPE that return to the mission's landing
 
 

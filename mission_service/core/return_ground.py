@@ -7,10 +7,11 @@ mission home if it would be too low (``airspace_guard.py``). The return follows 
 ``CLEAR_AGAIN_M`` above the ground, because autopilots do not hold their altitude exactly.
 
 PX4 and ArduCopter return at the vehicle's altitude, or first climb if it is below the parameter's
-height above home. ArduPlane climbs or descends to its parameter's height on the way (``rtl.cpp`` of
-PX4 1.17, ``mode_rtl.cpp`` of ArduPilot 4.6.2). If the parameter is unknown, the alarm and the check
-assume the stack's usual height, or for ArduPlane the current altitude. An order to return relies
-neither on an unknown climb nor on a climb by ArduPlane.
+height above home; a PX4 plane ends this climb up to 10 m below that height. ArduPlane climbs or
+descends to its parameter's height on the way (``rtl.cpp`` of PX4 1.17, ``mode_rtl.cpp`` of
+ArduPilot 4.6.2). If the parameter is unknown, the alarm and the check assume the stack's usual
+height, or for ArduPlane the current altitude. An order to return relies neither on an unknown climb
+nor on a climb by ArduPlane.
 """
 
 from collections.abc import Sequence
@@ -25,6 +26,7 @@ from mission_service.core.flight_space import position_of
 from mission_service.core.hold_height import hold_over
 from mission_service.missions.orbits import Place, highest_ground_m
 from mission_service.position_fix import PositionFix
+from mission_service.vehicles.endurance import kept_return_amsl_m
 from mission_service.vehicles.vehicle_state import Vehicle
 
 ALARM = "return"
@@ -158,11 +160,15 @@ class ReturnGround:
         known_m = self._energy.known_return_height_m(vehicle)
         at_current_height = vehicle.return_flight.at_current_height
         if not (at_current_height or (section.is_arduplane and known_m is None)):
-            height_amsl_m = home_amsl_m + self._energy.return_height_m(vehicle)
+            height_amsl_m = kept_return_amsl_m(
+                section, home_amsl_m + self._energy.return_height_m(vehicle)
+            )
             return_amsl_m = (
                 height_amsl_m if section.is_arduplane else max(return_amsl_m, height_amsl_m)
             )
-        return self._over_ground(start, goal_m, return_amsl_m, home_amsl_m)
+        found = self._over_ground(start, goal_m, return_amsl_m, home_amsl_m)
+        below_m = -kept_return_amsl_m(section, 0.0)
+        return found._replace(needed_above_home_m=found.needed_above_home_m + below_m)
 
     def _sure_amsl_m(self, vehicle: Vehicle, altitude_m: float, home_amsl_m: float) -> float:
         """Return the altitude that a return from a given altitude is sure to keep all the way."""
@@ -172,7 +178,9 @@ class ReturnGround:
         if vehicle.section.is_arduplane:
             height_m = ARDUPLANE_HEIGHT_M if known_m is None else known_m
             return min(altitude_m, home_amsl_m + height_m)
-        return altitude_m if known_m is None else max(altitude_m, home_amsl_m + known_m)
+        if known_m is None:
+            return altitude_m
+        return max(altitude_m, kept_return_amsl_m(vehicle.section, home_amsl_m + known_m))
 
     def _over_ground(
         self, start: Position, goal_m: Place, return_amsl_m: float, home_amsl_m: float

@@ -3,15 +3,25 @@
 import math
 from typing import NamedTuple
 
-from autopilot_bridge.stacks.return_flight import MULTIROTOR_BEGIN_S, true_airspeed_factor
+from autopilot_bridge.stacks.return_flight import (
+    MULTIROTOR_BEGIN_S,
+    PX4_CLIMB_ENDS_BELOW_M,
+    true_airspeed_factor,
+)
 from mission_service.config.sections import VehicleSection
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
 from mission_service.vehicles.vehicle_state import Vehicle
-from mission_service.vehicles.way_home import Vector, copter_home_s, plane_home_s
+from mission_service.vehicles.way_home import (
+    Vector,
+    circle_climb,
+    copter_home_s,
+    plane_home_s,
+)
 
 RETURN_HEIGHTS_M = {"px4": 60.0, "ardupilot": 15.0}  # RTL_RETURN_ALT, ArduCopter's RTL_ALT
 ACCELERATION_M_S2 = 2.5  # of a copter whose parameters were not read
+PX4_CLIMB_BEGINS_S = 2.5  # until PX4 planes climb at full rate, measured in the simulator (SIH)
 GRAVITY_M_S2 = 9.80665
 MIN_SPEED_M_S = 1.0  # the heading of a slower vehicle is unknown
 
@@ -28,6 +38,12 @@ def usual_return_height_m(section: VehicleSection) -> float:
     """Return the height above home to which a vehicle climbs before it flies home."""
     given = section.return_height_m
     return RETURN_HEIGHTS_M[section.stack] if given is None else given
+
+
+def kept_return_amsl_m(section: VehicleSection, return_amsl_m: float) -> float:
+    """Return the altitude that a vehicle keeps in a return after its climb to ``return_amsl_m``."""
+    ends_below = section.stack == "px4" and section.winged
+    return return_amsl_m - (PX4_CLIMB_ENDS_BELOW_M if ends_below else 0.0)
 
 
 class ReturnPerformance(NamedTuple):
@@ -73,8 +89,9 @@ def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: 
     """Return the seconds until the vehicle is over home; infinity if the wind prevents it.
 
     For a plane that returns to its landing, the flight ends at the loiter that begins the landing.
-    ``wind_m_s`` is the velocity of the air (x, y). Copters, and planes with PX4, climb to
-    ``return_amsl_m`` before they fly home; ArduPlane climbs on the way.
+    ``wind_m_s`` is the velocity of the air (x, y). Copters, and planes with PX4, climb before they
+    fly home, PX4 planes to ``PX4_CLIMB_ENDS_BELOW_M`` below ``return_amsl_m``, the others to this
+    altitude; ArduPlane climbs on the way.
     """
     landing_m = vehicle.landing.start_at(fix.at_s) if vehicle.return_flight.to_landing else None
     goal_m = vehicle.home_m if landing_m is None else landing_m
@@ -95,12 +112,12 @@ def return_s(
 ) -> float:
     """Return the duration of a flight home in seconds; infinity if the wind prevents it.
 
-    ``home_m`` is the position of home relative to
-    the vehicle, ``over_ground_m_s`` the vehicle's velocity, and ``wind_m_s`` that of the air, each
-    (x, y). Copters stop first. Copters, and planes with PX4, climb ``climb_m`` before they fly
-    home; ArduPlane climbs on the way.
+    ``home_m`` is the position of home relative to the vehicle, ``over_ground_m_s`` the vehicle's
+    velocity, and ``wind_m_s`` that of the air, each (x, y). ``climb_m`` is the return altitude
+    above the vehicle. Copters stop and climb first, PX4 planes climb in a circle first, and
+    ArduPlane climbs on the way.
     """
-    speed_m_s, climb_s = performance.speed_m_s, climb_m / performance.climb_m_s
+    speed_m_s = performance.speed_m_s
     if section.kind == "copter":
         fastest_m_s = max(section.max_airspeed_m_s, speed_m_s)
         stop_s = math.hypot(*over_ground_m_s) / performance.acceleration_m_s2
@@ -111,11 +128,18 @@ def return_s(
         straight_s = copter_home_s(from_stop_m, wind_m_s, speed_m_s, fastest_m_s)
         both_ends_s = speed_m_s / performance.acceleration_m_s2  # half of it at either end
         begin_s = MULTIROTOR_BEGIN_S[section.stack]
+        climb_s = climb_m / performance.climb_m_s
         return stop_s + begin_s + climb_s + straight_s + both_ends_s
     heading = (over_ground_m_s[0] - wind_m_s[0], over_ground_m_s[1] - wind_m_s[1])
     radius_m = performance.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
-    straight_s = plane_home_s(home_m, heading, wind_m_s, speed_m_s, radius_m)
-    return climb_s + straight_s if section.stack == "px4" else straight_s
+    climb_m -= PX4_CLIMB_ENDS_BELOW_M
+    if section.stack != "px4" or climb_m <= 0.0:
+        return plane_home_s(home_m, heading, wind_m_s, speed_m_s, radius_m)
+    climb_s = PX4_CLIMB_BEGINS_S + climb_m / performance.climb_m_s
+    end = circle_climb(heading, wind_m_s, speed_m_s, performance.turn_radius_m, climb_s)
+    left_m = (home_m[0] - end.place_m[0], home_m[1] - end.place_m[1])
+    rest_s = plane_home_s(left_m, end.through_air_m_s, wind_m_s, speed_m_s, radius_m)
+    return end.after_s + rest_s
 
 
 def outbound_s(section: VehicleSection, task_m: Vector, wind_m_s: Vector, climb_m: float) -> float:

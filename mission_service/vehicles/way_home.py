@@ -6,16 +6,22 @@ the air.
 A plane flies one turn of constant radius (through the air) and then straight. In the frame of the
 air, home moves against the wind, and the plane reaches it when the length of the shortest such path
 equals the distance flown through the air by then. A copter turns on the spot and keeps its ground
-speed as far as its maximum airspeed permits.
+speed as far as its maximum airspeed permits. A PX4 plane that must climb flies a circle first.
 """
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
+
+from autopilot_bridge.stacks.return_flight import PX4_CLIMB_RADIUS_M, PX4_CLIMB_WITHIN_M
 
 Vector = tuple[float, float]
 
 ITERATIONS = 50
 STEPS = 400  # of the search in a wind faster than the vehicle
+CIRCLE_STEP_S = 0.5
+GUIDANCE_S = 7.0  # NPFG_PERIOD times NPFG_DAMPING: how far ahead PX4 turns towards its circle
+MAX_CLIMB_S = 1200.0
 WHOLE_TURN_RAD = math.tau - 1e-9  # a longer turn results from rounding: the turn is 0
 
 
@@ -49,6 +55,80 @@ def plane_home_s(
             return _root(excess_m, before_s, after_s)
         before_s = after_s
     return math.inf
+
+
+class AfterClimb(NamedTuple):
+    """The end of a climb in a circle.
+
+    Attributes:
+        after_s: Duration of the climb.
+        place_m: Position (x, y) relative to the beginning of the climb.
+        through_air_m_s: Velocity relative to the air.
+    """
+
+    after_s: float
+    place_m: Vector
+    through_air_m_s: Vector
+
+
+def circle_climb(
+    through_air_m_s: Vector,
+    wind_m_s: Vector,
+    airspeed_m_s: float,
+    turn_radius_m: float,
+    climb_s: float,
+) -> AfterClimb:
+    """Return where a PX4 plane ends the climb with which its return begins.
+
+    The plane flies outwards from the centre of a circle, joins the circle clockwise and leaves it
+    after ``climb_s``, as soon as it is near enough to the centre. Only the direction of
+    ``through_air_m_s``, its velocity at the beginning, is used. After ``MAX_CLIMB_S`` the duration
+    is infinite. Source: ``rtl_direct.cpp`` and ``mission_block.cpp`` of PX4 1.17; the way to the
+    circle approximates its guidance (NPFG).
+    """
+    x_m, y_m, after_s = 0.0, 0.0, 0.0
+    heading_rad = math.atan2(through_air_m_s[1], through_air_m_s[0])
+    max_turn_rad = airspeed_m_s / max(turn_radius_m, 1.0) * CIRCLE_STEP_S
+    while after_s < climb_s or math.hypot(x_m, y_m) > PX4_CLIMB_WITHIN_M:
+        if after_s >= MAX_CLIMB_S:
+            return AfterClimb(math.inf, (x_m, y_m), through_air_m_s)
+        east_m_s = airspeed_m_s * math.cos(heading_rad) + wind_m_s[0]
+        north_m_s = airspeed_m_s * math.sin(heading_rad) + wind_m_s[1]
+        course = _course_to_circle((x_m, y_m), (east_m_s, north_m_s))
+        wanted_rad = _heading_rad(course, wind_m_s, airspeed_m_s)
+        turn_rad = (wanted_rad - heading_rad + math.pi) % math.tau - math.pi
+        heading_rad += max(-max_turn_rad, min(max_turn_rad, turn_rad))
+        x_m += (airspeed_m_s * math.cos(heading_rad) + wind_m_s[0]) * CIRCLE_STEP_S
+        y_m += (airspeed_m_s * math.sin(heading_rad) + wind_m_s[1]) * CIRCLE_STEP_S
+        after_s += CIRCLE_STEP_S
+    end_m_s = (airspeed_m_s * math.cos(heading_rad), airspeed_m_s * math.sin(heading_rad))
+    return AfterClimb(after_s, (x_m, y_m), end_m_s)
+
+
+def _course_to_circle(place_m: Vector, over_ground_m_s: Vector) -> Vector:
+    """Return the unit vector of the course from a place, relative to the centre, to the circle."""
+    off_m, speed_m_s = math.hypot(*place_m), max(math.hypot(*over_ground_m_s), 1.0)
+    outwards = over_ground_m_s[0] / speed_m_s, over_ground_m_s[1] / speed_m_s
+    if off_m > 1.0:
+        outwards = place_m[0] / off_m, place_m[1] / off_m
+    away = min(abs(off_m - PX4_CLIMB_RADIUS_M) / (GUIDANCE_S * speed_m_s), 1.0)
+    along_rad = (1.0 - away) ** 2 * math.pi / 2.0  # 90 degrees on the circle
+    across = math.copysign(math.cos(along_rad), PX4_CLIMB_RADIUS_M - off_m)
+    along = math.sin(along_rad)
+    return (
+        across * outwards[0] + along * outwards[1],
+        across * outwards[1] - along * outwards[0],
+    )
+
+
+def _heading_rad(course: Vector, wind_m_s: Vector, airspeed_m_s: float) -> float:
+    """Return the heading, anticlockwise from x, that keeps a course in the wind."""
+    drift_m_s = wind_m_s[1] * course[0] - wind_m_s[0] * course[1]  # to the left of the course
+    along_m_s = math.sqrt(max(airspeed_m_s**2 - drift_m_s**2, 0.0))
+    return math.atan2(
+        along_m_s * course[1] - drift_m_s * course[0],
+        along_m_s * course[0] + drift_m_s * course[1],
+    )
 
 
 def copter_home_s(

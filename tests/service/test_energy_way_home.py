@@ -5,9 +5,32 @@ import random
 
 import pytest
 
-from mission_service.vehicles.way_home import copter_home_s, plane_home_s
+from autopilot_bridge.stacks.return_flight import PX4_CLIMB_RADIUS_M, PX4_CLIMB_WITHIN_M
+from mission_service.config.scenario import load_scenario
+from mission_service.vehicles.endurance import ReturnPerformance, return_s
+from mission_service.vehicles.way_home import circle_climb, copter_home_s, plane_home_s
 
 TURNS = 1000
+# Returns of a plane at 15 m/s with a bank limit of 50 degrees in the simulator of PX4 1.17 (SIH):
+# home relative to the plane, its velocity, the velocity of the air (each x, y), the climb, and the
+# time until it was over home.
+FLOWN = (
+    ((-1029.0, 40.0), (-7.2, 12.8), (-0.0, -0.0), 9.0, 69.8),
+    ((-470.0, -558.0), (11.9, -9.4), (0.0, 0.0), 41.0, 58.8),
+    ((449.0, -659.0), (8.7, -12.4), (0.0, 0.0), 69.0, 77.8),
+    ((1204.0, -59.0), (4.0, 3.6), (-7.7, -6.4), 70.0, 232.8),
+    ((-951.0, -780.0), (2.3, -4.4), (-5.0, 8.7), 50.0, 133.6),
+    ((-283.0, 383.0), (3.6, 6.1), (-9.4, -3.4), 34.0, 39.9),
+    ((-504.0, -713.0), (-1.9, -6.3), (9.4, 3.4), 9.0, 149.4),
+    ((-862.0, -199.0), (3.3, 10.5), (1.0, -5.9), 98.0, 90.4),
+    ((295.0, -646.0), (4.8, 11.5), (-6.0, -0.0), 50.0, 70.0),
+    ((210.0, -750.0), (3.3, 21.6), (1.0, 5.9), 30.0, 88.9),
+    ((452.0, 484.0), (-12.5, -8.3), (0.0, -0.0), 90.0, 79.7),
+    ((-433.0, -766.0), (7.9, -3.9), (-6.4, -7.7), 94.0, 70.5),
+    ((921.0, 14.0), (-3.5, -19.7), (2.1, -5.6), 14.0, 67.9),
+    ((785.0, 669.0), (-3.0, 3.7), (9.4, -3.4), 20.0, 65.9),
+)
+PERFORMANCE = ReturnPerformance(15.0, 3.0, 2.5, 15.0**2 / (9.80665 * math.tan(math.radians(50.0))))
 
 
 def brute_force_s(
@@ -97,3 +120,31 @@ def test_a_copter_keeps_its_ground_speed_as_far_as_its_airspeed_permits() -> Non
             assert found > 1000.0 / 0.01
         elif max(able) > 0.5:
             assert found == pytest.approx(1000.0 / max(able), rel=0.01)
+
+
+def test_returns_of_px4_planes_that_climb_first_are_predicted() -> None:
+    section = load_scenario("default").vehicles[0]
+    assert (section.stack, section.kind) == ("px4", "plane")
+    errors = []
+    for home_m, over_ground_m_s, wind_m_s, climb_m, flown_s in FLOWN:
+        found_s = return_s(section, PERFORMANCE, home_m, over_ground_m_s, wind_m_s, climb_m)
+        errors.append(abs(found_s / flown_s - 1.0))
+    assert sum(errors) / len(errors) < 0.02
+    assert max(errors) < 0.05
+
+
+@pytest.mark.parametrize("wind", [(0.0, 0.0), (6.0, -4.0), (0.0, 12.0)])
+def test_a_climb_in_a_circle_ends_near_its_centre(wind: tuple[float, float]) -> None:
+    for climb_s in (1.0, 20.0, 60.0):
+        end = circle_climb((15.0, 0.0), wind, 15.0, 30.0, climb_s)
+        assert climb_s <= end.after_s <= climb_s + 60.0
+        assert math.hypot(*end.place_m) <= PX4_CLIMB_WITHIN_M
+        assert math.hypot(*end.through_air_m_s) == pytest.approx(15.0)
+    if wind == (0.0, 0.0):  # clockwise on the circle
+        assert math.hypot(*end.place_m) == pytest.approx(PX4_CLIMB_RADIUS_M, abs=8.0)
+        (x_m, y_m), (east_m_s, north_m_s) = end.place_m, end.through_air_m_s
+        assert x_m * north_m_s - y_m * east_m_s < -0.9 * PX4_CLIMB_RADIUS_M * 15.0
+
+
+def test_a_climb_in_a_wind_that_carries_the_plane_away_does_not_end() -> None:
+    assert math.isinf(circle_climb((15.0, 0.0), (30.0, 0.0), 15.0, 30.0, 60.0).after_s)

@@ -64,7 +64,7 @@ def test_a_return_below_a_ridge_raises_an_alarm_until_the_vehicle_is_high_enough
     assert isinstance(raised, RaiseAlarm)
     assert raised.severity == "severe"
     assert "50 m below the highest ground on the way home (500 m AMSL)" in raised.text
-    assert "set the return altitude to at least 220 m above home" in raised.text
+    assert "set the return altitude to at least 230 m above home" in raised.text
     assert not alarms(vehicles.at(CRUISE_M, later_s=20.0))  # not repeated
     assert alarms(vehicles.at(RIDGE_M + 30.0, later_s=20.0)) == [ClearAlarm("hawk", "return")]
     assert alarms(vehicles.at(CRUISE_M, later_s=20.0))
@@ -89,6 +89,21 @@ def test_arduplane_descends_to_the_height_of_its_parameter(height_m: float, rais
     values = {"RTL_ALTITUDE": height_m}
     vehicles.handle(ParametersReported(vehicles.at_us, "hawk", "ardupilot plane", 255, values))
     found = alarms(vehicles.at(RIDGE_M + 30.0, later_s=20.0))
+    assert [type(each) for each in found] == [RaiseAlarm] * raised
+
+
+@pytest.mark.parametrize(
+    ("kind", "height_m", "raised"),
+    [("plane", 215.0, True), ("plane", 225.0, False), ("copter", 215.0, False)],
+)
+def test_a_px4_plane_ends_its_climb_10_m_below_the_return_altitude(
+    kind: str, height_m: float, raised: bool
+) -> None:
+    vehicles = Vehicles(ridge(), f"vehicles.0.kind={kind}")
+    vehicles.at(RIDGE_M + 30.0, later_s=20.0)
+    values = {"RTL_RETURN_ALT": height_m}
+    vehicles.handle(ParametersReported(vehicles.at_us, "hawk", f"px4 {kind}", 255, values))
+    found = alarms(vehicles.at(CRUISE_M, later_s=20.0))
     assert [type(each) for each in found] == [RaiseAlarm] * raised
 
 
