@@ -2,7 +2,7 @@
 
 list requested --MISSION_COUNT--> item requested --item--> item requested
 item requested --last item--> ended (MISSION_ACK sent)
-item requested --no item for 6 s--> list requested
+item requested --no item for a longer time--> list requested
 Every request is repeated on timeout.
 """
 
@@ -22,8 +22,9 @@ from autopilot_bridge.missions.transfer import (
 # with probability 0.64, so some downloads of fifty items would fail without these retries.
 MORE_RETRIES = 2
 # PX4 ends a download after 5 s without a message and then ignores requests for its items. The list
-# is therefore requested again after this time without an item, and once more after twice this time.
-BEGINS_AGAIN_AFTER_US = 6_000_000
+# is therefore requested again after the first of these times without an item, and once more after
+# the second. On a link that loses frames, items are rarely missing for so long.
+BEGINS_AGAIN_AFTER_US = (9_000_000, 15_000_000)
 
 
 class RequestRepeater(Exchange):
@@ -82,7 +83,9 @@ class MissionDownload(RequestRepeater):
         if self.result is not None or now_us < self._deadline_us or self._count is None:
             return super().handle_timer(now_us)
         silent_us = (self._tries + 1) * self._timing.timeout_us
-        if silent_us < (self._restarts + 1) * BEGINS_AGAIN_AFTER_US:
+        if self._restarts == len(BEGINS_AGAIN_AFTER_US):
+            return super().handle_timer(now_us)
+        if silent_us < BEGINS_AGAIN_AFTER_US[self._restarts]:
             return super().handle_timer(now_us)
         self._restarts += 1
         return self.begin_again(now_us)

@@ -6,10 +6,11 @@
   they are requested. A repeated request means that a message was lost; from then on each item is
   sent only on request
 - any --MISSION_ACK--> ended
-- counted or sending --MISSION_ERROR--> the same, ended after the retries or after a timeout: the
-  error may be the reply to a duplicate (PX4: of MISSION_COUNT, or of an item of the previous
-  transfer; ArduPilot: of the last item), or PX4 may still be busy with the previous transfer; in
-  these cases the transfer continues or has succeeded
+- counted --MISSION_ERROR--> counted: MISSION_COUNT is repeated; ended after the last retry
+- sending --MISSION_ERROR--> sending; ended after a timeout. The error may be the reply to a
+  duplicate (PX4: of MISSION_COUNT, or of an item of the previous transfer; ArduPilot: of the last
+  item), or PX4 may still be busy with the previous transfer; in these cases the transfer continues
+  or has succeeded
 - sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: the plan is on
   board
 - any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
@@ -175,6 +176,7 @@ class MissionUpload(Exchange):
             return []
         may_repeat = self._state == "counted" and self._tries < self._timing.retries
         if self._possible_refusal is not None and not may_repeat:
+            self.touched |= self._tries > 0  # a reply to a repeated MISSION_COUNT may be lost
             self.result = self._possible_refusal
             return []
         if self._all_sent and self._plan_id and self._reported_id == self._plan_id:

@@ -13,6 +13,7 @@ from benchmarks.worlds.rules import GOING_HOME, ROUNDING_M, Flown, Line, Positio
 
 TERRAIN_M = 4.0  # the service knows the ground on a grid
 RETURN_ABOVE_M = 150.0  # returns may use any altitude up to this height above home
+FLOOR_M = 4.0  # a hold is 1 m below a floor, which the service measures on its grid
 SAMPLE_M = 25.0
 ON_THE_WAY_OUT = ("leave closed airspace", "fly home clear of closed airspace and terrain")
 CHANGES_FLIGHT = ("UploadMission", "Hold", "HoldAt", "Return", "GoAround")
@@ -296,7 +297,7 @@ class CommandChecks:
         return any(
             volume.counts(self._at_s)
             and self._is_below(volume, start, place)
-            and volume.limits_m(self.rules.terrain, place[:2])[0] - place[2] < 2.0
+            and abs(volume.least_floor_m(self.rules.terrain) - place[2]) < FLOOR_M
             for volume in self.rules.closed
         )
 

@@ -3,7 +3,11 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from benchmarks.worlds.ground import Place, Terrain
+
+GRID_POINTS = 40  # along each side of a volume's extent
 
 
 @dataclass
@@ -40,6 +44,20 @@ class Closed:
         ground_m = float(terrain.ground_m(*place))
         floor_m = self.floor_m + ground_m if self.floor_agl else self.floor_m
         return floor_m, self.ceiling_m + ground_m if self.ceiling_agl else self.ceiling_m
+
+    def least_floor_m(self, terrain: Terrain) -> float:
+        """Return the floor as the service defines it: above the lowest ground in the area."""
+        if not self.floor_agl:
+            return self.floor_m
+        east_m, north_m = np.array(self.corners_m).T
+        side_m = np.linspace(0.0, 1.0, GRID_POINTS)
+        places = [
+            (east_m.min() + x * np.ptp(east_m), north_m.min() + y * np.ptp(north_m))
+            for x in side_m
+            for y in side_m
+        ]
+        inside = [*self.corners_m, *(place for place in places if self.covers(place))]
+        return self.floor_m + min(float(terrain.ground_m(*place)) for place in inside)
 
     def covers(self, place: Place) -> bool:
         """Return whether a position is in the area of the volume."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -28,7 +28,6 @@ class Volume:
         ceiling_m: Upper limit, in metres above mean sea level; inf: none.
         from_s: Mission time from which the volume is closed.
         until_s: Mission time at which the volume opens again; inf: never.
-        floor_agl_m: Height above ground from which ``floor_m`` was computed; None: given otherwise.
     """
 
     name: str
@@ -37,7 +36,6 @@ class Volume:
     ceiling_m: float = math.inf
     from_s: float = 0.0
     until_s: float = math.inf
-    floor_agl_m: float | None = None
 
     @property
     def words(self) -> str:
@@ -109,20 +107,7 @@ def volume_of(entry: ClosedVolume, landscape: Landscape) -> Volume:
             f"above its floor ({floor_m:.0f} m); correct one of them"
         )
     until_s = math.inf if entry.until_s is None else entry.until_s
-    agl_m = entry.floor_agl_m if entry.floor_amsl_m is None else None
-    return Volume(entry.name, area_m, floor_m, ceiling_m, entry.from_s, until_s, agl_m)
-
-
-def floor_over(volume: Volume, place_m: BaseGeometry, landscape: Landscape) -> Volume:
-    """Return the volume with its floor measured from the lowest ground in one place (x, y).
-
-    This floor is valid for flights within ``place_m`` only. It is not below that of the whole
-    volume, because the lowest ground in a place is not below the lowest ground in the area.
-    """
-    if volume.floor_agl_m is None:
-        return volume
-    floor_m = ground_range_m(place_m, landscape)[0] + volume.floor_agl_m
-    return replace(volume, floor_m=max(floor_m, volume.floor_m))
+    return Volume(entry.name, area_m, floor_m, ceiling_m, entry.from_s, until_s)
 
 
 def require_homes_inside(scenario: Scenario, landscape: Landscape) -> None:
@@ -178,19 +163,18 @@ def ground_range_m(area_m: BaseGeometry, landscape: Landscape) -> tuple[float, f
     at centres or on the outline, which is sampled at an eighth of the cell size (in long outlines,
     at 100,000 points).
     """
-    outline = area_m.boundary
-    step_m = max(landscape.cell_size_m / 8.0, outline.length / 1e5)
-    x_m, y_m = shapely.get_coordinates(shapely.segmentize(outline, step_m)).T
+    step_m = max(landscape.cell_size_m / 8.0, area_m.length / 1e5)
+    x_m, y_m = shapely.get_coordinates(shapely.segmentize(area_m, step_m)).T
     outline_ground_m = np.asarray(landscape.elevation_at(x_m, y_m))
     assert landscape.elevation_m is not None
     west_m, south_m, east_m, north_m = area_m.bounds
     top, left = landscape.row_col_of(west_m, north_m)
     below, beyond = landscape.row_col_of(east_m, south_m)
     height, width = landscape.shape
-    rows, cols = np.mgrid[
-        max(math.ceil(top), 0) : min(math.floor(below) + 1, height),
-        max(math.ceil(left), 0) : min(math.floor(beyond) + 1, width),
-    ]
+    rows, cols = np.meshgrid(
+        np.arange(max(math.ceil(top), 0), min(math.floor(below) + 1, height)),
+        np.arange(max(math.ceil(left), 0), min(math.floor(beyond) + 1, width)),
+    )
     inside = shapely.intersects_xy(area_m, *landscape.xy_of(rows, cols))
     ground_m = np.append(outline_ground_m, landscape.elevation_m[rows[inside], cols[inside]])
     return float(ground_m.min()), float(ground_m.max())

@@ -224,6 +224,9 @@ class Landings:
         if event.accepted:
             return []
         if event.command == "fly landing" and phase is LandingPhase.SENDING:
+            accepted = vehicle.accepted
+            if accepted is not None and accepted.lands and vehicle.mode == MISSION:
+                return []  # it flies the landing mission
             return self._failed(vehicle, f"its start was refused: {event.reason}", event.at_us)
         if event.command == "go around" and phase is LandingPhase.GOING_AROUND:
             shown = self._enter(vehicle, LandingPhase.FINAL, event.at_us / 1e6)
@@ -303,18 +306,18 @@ class Landings:
     def _sending(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         state, accepted = vehicle.landing_state, vehicle.accepted
         on_board = vehicle.pending is None and accepted is not None and accepted.lands
-        flies_landing = on_board and vehicle.mode == MISSION  # also after a late acknowledgement
+        # Also if its start counted as refused, because the acknowledgement was late or lost:
+        flies_landing = on_board and vehicle.mode == MISSION and not state.held
         if state.again_at_s is not None and not flies_landing:
             if fix.at_s < state.again_at_s or vehicle.availability.in_failsafe:
                 return []
-            state.again_at_s = None
+            state.again_at_s, state.held = None, False
             return self._send(vehicle, fix)
         if not on_board and not vehicle.awaits_mission:
             return self._failed(vehicle, "its mission was not sent", round(fix.at_s * 1e6))
         if not on_board:
             return []
         if flies_landing:
-            state.again_at_s = None
             return self._enter(vehicle, LandingPhase.APPROACH, fix.at_s)
         if fix.at_s < state.start_again_at_s or vehicle.availability.in_failsafe:
             return []
@@ -431,7 +434,7 @@ class Landings:
         state.failures += 1
         if state.failures >= MAX_FAILURES:
             return self._stop(vehicle, why, at_s)
-        state.again_at_s = at_s + RETRY_S
+        state.again_at_s, state.held = at_s + RETRY_S, vehicle.mode == MISSION
         words = f"landing: {why}; trying again in {RETRY_S:.0f} s"
         return [announce(vehicle, words, warning=True), *self._hold_in_mission(vehicle, None)]
 

@@ -10,7 +10,6 @@ import shapely
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace
 from mission_service.airspace.occupied_space import Part, straight
-from mission_service.airspace.volumes import floor_over
 from mission_service.commands import AnyCommand, ClimbAndHold, HoldAt, Orbit
 from mission_service.core.airspace_evasions import Evasions
 from mission_service.core.flight_space import FlightSpace, position_of
@@ -78,15 +77,8 @@ class PlaceChecks:
         low_m = circle_ground_m(vehicle, self._landscape) + RAISED_HOLD_AGL_M
         low_m = round(max(min(low_m, command.altitude_amsl_m), fix.altitude_m), 1)
         lower = msgspec.structs.replace(command, altitude_amsl_m=low_m)
-        to_volumes = replace(
-            airspace,
-            volumes=tuple(
-                floor_over(volume, place.shape, self._landscape) for volume in airspace.volumes
-            ),
-            margins=replace(airspace.margins, vertical_m=0.0),
-        )
-        vertical_m = airspace.margins.vertical_m
-        below = _below_volumes(command, place, to_volumes, fix, low_m - vertical_m)
+        below = _below_volumes(command, place, airspace, fix, low_m)
+        to_volumes = replace(airspace, margins=replace(airspace.margins, vertical_m=0.0))
         vehicle.hold_at = None
         for hold, limits in ((lower, airspace), (below, to_volumes)):
             circle = self._space.of_hold_at(vehicle, hold)
@@ -126,17 +118,18 @@ class PlaceChecks:
 
 
 def _below_volumes(
-    command: HoldAt, place: Part, airspace: Airspace, fix: PositionFix, lowest_floor_m: float
+    command: HoldAt, place: Part, airspace: Airspace, fix: PositionFix, low_m: float
 ) -> HoldAt:
     """Return a hold raised above the ground, in a volume's vertical margin if necessary.
 
-    Volumes that begin at or below ``lowest_floor_m`` are ignored, because a hold below them would
-    be too near the ground.
+    ``low_m`` is the altitude at which the hold clears the ground under its circle. Volumes that
+    begin no higher than ``low_m`` less the vertical margin are ignored, because a hold below them
+    would be too near the ground.
     """
     floors_m = [
         volume.floor_m
         for volume in airspace.volumes
-        if volume.floor_m > lowest_floor_m
+        if volume.floor_m > low_m - airspace.margins.vertical_m
         and shapely.dwithin(volume.area_m, place.shape, airspace.margins.horizontal_m)
     ]
     below_m = min([command.altitude_amsl_m, *(up - 1.0 for up in floors_m)])

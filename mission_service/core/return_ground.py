@@ -26,7 +26,7 @@ from mission_service.core.flight_space import position_of
 from mission_service.core.hold_height import hold_over
 from mission_service.missions.orbits import Place, highest_ground_m
 from mission_service.position_fix import PositionFix
-from mission_service.vehicles.endurance import kept_return_amsl_m
+from mission_service.vehicles.endurance import climb_ends_below_m
 from mission_service.vehicles.vehicle_state import Vehicle
 
 ALARM = "return"
@@ -160,15 +160,14 @@ class ReturnGround:
         known_m = self._energy.known_return_height_m(vehicle)
         at_current_height = vehicle.return_flight.at_current_height
         if not (at_current_height or (section.is_arduplane and known_m is None)):
-            height_amsl_m = kept_return_amsl_m(
-                section, home_amsl_m + self._energy.return_height_m(vehicle)
-            )
+            height_amsl_m = home_amsl_m + self._energy.return_height_m(vehicle)
+            height_amsl_m -= climb_ends_below_m(section)
             return_amsl_m = (
                 height_amsl_m if section.is_arduplane else max(return_amsl_m, height_amsl_m)
             )
         found = self._over_ground(start, goal_m, return_amsl_m, home_amsl_m)
-        below_m = -kept_return_amsl_m(section, 0.0)
-        return found._replace(needed_above_home_m=found.needed_above_home_m + below_m)
+        needed_m = found.needed_above_home_m + climb_ends_below_m(section)
+        return found._replace(needed_above_home_m=needed_m)
 
     def _sure_amsl_m(self, vehicle: Vehicle, altitude_m: float, home_amsl_m: float) -> float:
         """Return the altitude that a return from a given altitude is sure to keep all the way."""
@@ -180,7 +179,7 @@ class ReturnGround:
             return min(altitude_m, home_amsl_m + height_m)
         if known_m is None:
             return altitude_m
-        return max(altitude_m, kept_return_amsl_m(vehicle.section, home_amsl_m + known_m))
+        return max(altitude_m, home_amsl_m + known_m - climb_ends_below_m(vehicle.section))
 
     def _over_ground(
         self, start: Position, goal_m: Place, return_amsl_m: float, home_amsl_m: float

@@ -40,10 +40,9 @@ def usual_return_height_m(section: VehicleSection) -> float:
     return RETURN_HEIGHTS_M[section.stack] if given is None else given
 
 
-def kept_return_amsl_m(section: VehicleSection, return_amsl_m: float) -> float:
-    """Return the altitude that a vehicle keeps in a return after its climb to ``return_amsl_m``."""
-    ends_below = section.stack == "px4" and section.winged
-    return return_amsl_m - (PX4_CLIMB_ENDS_BELOW_M if ends_below else 0.0)
+def climb_ends_below_m(section: VehicleSection) -> float:
+    """Return how far below the return altitude the climb at the beginning of a return may end."""
+    return PX4_CLIMB_ENDS_BELOW_M if section.stack == "px4" and section.winged else 0.0
 
 
 class ReturnPerformance(NamedTuple):
@@ -132,7 +131,7 @@ def return_s(
         return stop_s + begin_s + climb_s + straight_s + both_ends_s
     heading = (over_ground_m_s[0] - wind_m_s[0], over_ground_m_s[1] - wind_m_s[1])
     radius_m = performance.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
-    climb_m -= PX4_CLIMB_ENDS_BELOW_M
+    climb_m -= climb_ends_below_m(section)
     if section.stack != "px4" or climb_m <= 0.0:
         return plane_home_s(home_m, heading, wind_m_s, speed_m_s, radius_m)
     climb_s = PX4_CLIMB_BEGINS_S + climb_m / performance.climb_m_s

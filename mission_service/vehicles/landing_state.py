@@ -60,6 +60,7 @@ class LandingState:
     seq: int = 0  # current item as reported since that mission was accepted
     failures: int = 0  # uploads and starts of landing missions that failed in this landing
     again_at_s: float | None = None  # time of the next attempt after a failure
+    held: bool = False  # whether a hold was sent after a failure, until the next attempt
     start_again_at_s: float = 0.0  # time of the next start of the mission on board, if one is due
     alarm: bool = False  # whether the alarm about the landing is raised
 
@@ -91,4 +92,4 @@ class LandingState:
         """Change the phase. Raises InvalidTransitionError."""
         enter(self.phases, phase, LANDING_TRANSITIONS, f"landing of {vehicle}")
         self.since_s = at_s
-        self.again_at_s = None
+        self.again_at_s, self.held = None, False

@@ -21,7 +21,7 @@ ITERATIONS = 50
 STEPS = 400  # of the search in a wind faster than the vehicle
 CIRCLE_STEP_S = 0.5
 GUIDANCE_S = 7.0  # NPFG_PERIOD times NPFG_DAMPING: how far ahead PX4 turns towards its circle
-MAX_CLIMB_S = 1200.0
+MAX_WAIT_S = 600.0  # after the climb, for a place near the centre
 WHOLE_TURN_RAD = math.tau - 1e-9  # a longer turn results from rounding: the turn is 0
 
 
@@ -82,15 +82,15 @@ def circle_climb(
 
     The plane flies outwards from the centre of a circle, joins the circle clockwise and leaves it
     after ``climb_s``, as soon as it is near enough to the centre. Only the direction of
-    ``through_air_m_s``, its velocity at the beginning, is used. After ``MAX_CLIMB_S`` the duration
-    is infinite. Source: ``rtl_direct.cpp`` and ``mission_block.cpp`` of PX4 1.17; the way to the
-    circle approximates its guidance (NPFG).
+    ``through_air_m_s``, its velocity at the beginning, is used. The duration is infinite if the
+    plane is not near enough within ``MAX_WAIT_S`` after the climb. Source: ``rtl_direct.cpp`` and
+    ``mission_block.cpp`` of PX4 1.17; the way to the circle approximates its guidance (NPFG).
     """
     x_m, y_m, after_s = 0.0, 0.0, 0.0
     heading_rad = math.atan2(through_air_m_s[1], through_air_m_s[0])
     max_turn_rad = airspeed_m_s / max(turn_radius_m, 1.0) * CIRCLE_STEP_S
     while after_s < climb_s or math.hypot(x_m, y_m) > PX4_CLIMB_WITHIN_M:
-        if after_s >= MAX_CLIMB_S:
+        if after_s >= climb_s + MAX_WAIT_S or math.isinf(climb_s):
             return AfterClimb(math.inf, (x_m, y_m), through_air_m_s)
         east_m_s = airspeed_m_s * math.cos(heading_rad) + wind_m_s[0]
         north_m_s = airspeed_m_s * math.sin(heading_rad) + wind_m_s[1]

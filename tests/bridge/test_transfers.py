@@ -262,7 +262,10 @@ def test_over_any_link_a_download_ends_and_success_means_the_mission_was_read(
 
 
 @each_stack
-def test_a_download_that_the_autopilot_has_forgotten_begins_again(stack: Stack) -> None:
+@pytest.mark.parametrize("lost_s", [8, 14])
+def test_a_download_that_the_autopilot_has_forgotten_begins_again(
+    stack: Stack, lost_s: int
+) -> None:
     """PX4 ends a download after 5 s without a message, and ignores later requests for items."""
     pair = connected(stack)
     pair.result_of(upload(pair, line_of(8)))
@@ -271,7 +274,7 @@ def test_a_download_that_the_autopilot_has_forgotten_begins_again(stack: Stack) 
     def lost(name: str) -> bool:
         nonlocal lost_until_us
         if name == "MISSION_REQUEST_INT" and not lost_until_us:
-            lost_until_us = pair.now_us + 8 * SECOND
+            lost_until_us = pair.now_us + lost_s * SECOND
         return pair.now_us < lost_until_us
 
     pair.up = Choosy(lost)

@@ -23,7 +23,7 @@ from mission_service.airspace.occupied_space import (
 )
 from mission_service.airspace.routes import Detours, exits_from
 from mission_service.airspace.volume_files import volumes_in
-from mission_service.airspace.volumes import OUTSIDE, Volume, floor_over, volumes_of
+from mission_service.airspace.volumes import OUTSIDE, Volume, ground_range_m, volumes_of
 from mission_service.cli.main import main
 from mission_service.commands import (
     AnyCommand,
@@ -93,15 +93,37 @@ def test_a_volume_above_the_ground_covers_the_highest_ground(land: Landscape) ->
     assert max(ground) - min(ground) > 50.0  # the ground is not flat
 
 
-def test_a_floor_above_ground_is_measured_in_the_place_of_a_flight(land: Landscape) -> None:
-    entry = {"name": "x", "corners": square(FIRE, 900.0), "floor_agl_m": 50}
-    (volume,) = volumes_of(AirspaceSection.model_validate({"closed": [entry]}), land)
+def test_the_ground_in_an_area_is_that_of_the_interpolated_surface(land: Landscape) -> None:
     x_m, y_m = land.xy_of_lat_lon(*FIRE)
-    circle = shapely.Point(x_m, y_m).buffer(80.0)
-    ground_m = [float(land.elevation_at(*place)) for place in circle.exterior.coords]
-    over = floor_over(volume, circle, land)
-    assert volume.floor_m + 2.0 < over.floor_m <= min(ground_m) + 50.0
-    assert floor_over(BLOCK, circle, land) is BLOCK  # its limits are above mean sea level
+    area = shapely.Point(x_m, y_m).buffer(150.0)
+    east_m, north_m = np.meshgrid(np.linspace(-150.0, 150.0, 301), np.linspace(-150.0, 150.0, 301))
+    inside = np.hypot(east_m, north_m) < 149.0
+    ground_m = land.elevation_at(x_m + east_m[inside], y_m + north_m[inside])
+    lowest_m, highest_m = ground_range_m(area, land)
+    assert lowest_m <= ground_m.min() + 0.1
+    assert lowest_m == pytest.approx(ground_m.min(), abs=1.0)
+    assert highest_m >= ground_m.max() - 0.1
+    assert highest_m == pytest.approx(ground_m.max(), abs=1.0)
+
+
+@pytest.mark.parametrize(("east", "north"), [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_a_volume_off_the_grid_is_measured_from_the_ground_at_the_edge(
+    land: Landscape, east: int, north: int
+) -> None:
+    x_m, y_m = land.xy_of_lat_lon(*FIRE)
+    size_m = 2.0 * max(land.shape) * land.cell_size_m
+    area = shapely.Point(x_m + east * size_m, y_m + north * size_m).buffer(100.0)
+    lowest_m, highest_m = ground_range_m(area, land)
+    assert land.elevation_m is not None
+    assert land.elevation_m.min() <= lowest_m <= highest_m <= land.elevation_m.max()
+
+
+def test_a_volume_whose_outline_doubles_back_has_limits_above_ground(land: Landscape) -> None:
+    lat_deg, lon_deg = FIRE
+    corners = [*square(FIRE, 900.0)[:2], (lat_deg + 0.02, lon_deg), *square(FIRE, 900.0)[1:]]
+    entry = {"name": "x", "corners": corners, "floor_agl_m": 50}
+    (volume,) = volumes_of(AirspaceSection.model_validate({"closed": [entry]}), land)
+    assert math.isfinite(volume.floor_m)
 
 
 def test_a_circle_is_not_smaller_than_its_radius(land: Landscape) -> None:

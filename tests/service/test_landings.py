@@ -368,17 +368,39 @@ def test_a_refused_start_of_the_landing_is_repeated_and_then_reported(land: Land
     assert flight.phase() == "none"
 
 
-def test_a_landing_that_began_after_a_refused_start_is_not_sent_again(land: Landscape) -> None:
+@pytest.mark.parametrize("late", ["mode", "refusal"])
+def test_a_landing_that_began_after_a_refused_start_is_not_sent_again(
+    land: Landscape, late: str
+) -> None:
     """The acknowledgement of the start was lost, but the vehicle flies its landing mission."""
     flight = Vehicles(land)
     flight.mode("hold")
     flight.order("land", confirmed=True)
     flight.answer_uploads()
-    flight.answer("fly landing", accepted=False)
+    if late == "mode":
+        flight.answer("fly landing", accepted=False)
     flight.mode("mission")
+    if late == "refusal":
+        assert not to_vehicle(flight.answer("fly landing", accepted=False))
     assert not to_vehicle(flight.at(CRUISE_M, later_s=2.0))
     assert flight.phase() == "approach"
     assert not to_vehicle(flight.at(CRUISE_M, later_s=6.0))
+
+
+def test_after_the_hold_of_a_failed_upload_the_landing_is_sent_again(land: Landscape) -> None:
+    """The start of the first landing mission took effect while the second one was uploaded."""
+    flight = Vehicles(land)
+    flight.mode("hold")
+    flight.order("land", confirmed=True)
+    flight.answer_uploads()
+    flight.answer("fly landing", accepted=False)
+    assert len(landing_uploads(flight.at(CRUISE_M, later_s=6.0))) == 1
+    flight.mode("mission")
+    assert to_vehicle(flight.answer_uploads("failed")) == [Hold("hawk")]
+    flight.at(CRUISE_M)
+    assert flight.phase() == "sending"
+    flight.mode("hold")
+    assert len(landing_uploads(flight.at(CRUISE_M, later_s=6.0))) == 1
 
 
 @pytest.mark.parametrize("replaced", [True, False])
