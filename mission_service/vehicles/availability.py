@@ -102,7 +102,7 @@ class VehicleAvailability:
     estimator_healthy: bool = True
     fix: PositionFix | None = None
     expected_until_s: dict[type[AnyCommand], float] = field(default_factory=dict)
-    unacknowledged: dict[type[AnyCommand], int] = field(default_factory=dict)  # numbers
+    unacknowledged: dict[type[AnyCommand], int] = field(default_factory=dict)  # number by kind
 
     @property
     def position_good(self) -> bool:
