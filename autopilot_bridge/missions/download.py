@@ -80,15 +80,17 @@ class MissionDownload(RequestRepeater):
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Repeat the request, begin again, or fail after the last retry."""
-        if self.result is not None or now_us < self._deadline_us or self._count is None:
-            return super().handle_timer(now_us)
+        if self._may_have_ended(now_us):
+            self._restarts += 1
+            return self.begin_again(now_us)
+        return super().handle_timer(now_us)
+
+    def _may_have_ended(self, now_us: int) -> bool:
+        """Return whether the autopilot may have ended the download, because no item arrives."""
+        if self.result is not None or self._count is None or now_us < self._deadline_us:
+            return False
         silent_us = (self._tries + 1) * self._timing.timeout_us
-        if self._restarts == len(BEGINS_AGAIN_AFTER_US):
-            return super().handle_timer(now_us)
-        if silent_us < BEGINS_AGAIN_AFTER_US[self._restarts]:
-            return super().handle_timer(now_us)
-        self._restarts += 1
-        return self.begin_again(now_us)
+        return any(silent_us >= limit_us for limit_us in BEGINS_AGAIN_AFTER_US[self._restarts :])
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Process a count or an item, and return the next request."""

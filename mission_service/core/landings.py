@@ -188,13 +188,8 @@ class Landings:
 
     def found_flying(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Continue a landing because the vehicle is flying the landing mission on board again."""
-        accepted, state = vehicle.accepted, vehicle.landing_state
-        if (
-            accepted is None
-            or not accepted.lands
-            or state.active
-            or not vehicle.availability.airborne
-        ):
+        state = vehicle.landing_state
+        if not _landing_accepted(vehicle) or state.active or not vehicle.availability.airborne:
             return []
         vehicle.ordered, vehicle.hold_again_at_s = "", None
         return [
@@ -224,8 +219,7 @@ class Landings:
         if event.accepted:
             return []
         if event.command == "fly landing" and phase is LandingPhase.SENDING:
-            accepted = vehicle.accepted
-            if accepted is not None and accepted.lands and vehicle.mode == MISSION:
+            if _landing_accepted(vehicle) and vehicle.mode == MISSION:
                 return []  # it flies the landing mission
             return self._failed(vehicle, f"its start was refused: {event.reason}", event.at_us)
         if event.command == "go around" and phase is LandingPhase.GOING_AROUND:
@@ -254,9 +248,8 @@ class Landings:
 
     def read_back(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Compare the landing with the mode and the mission read back after a restart."""
-        state, accepted = vehicle.landing_state, vehicle.accepted
-        lands = accepted is not None and accepted.lands
-        in_landing = vehicle.mode == MISSION and lands
+        state = vehicle.landing_state
+        in_landing = vehicle.mode == MISSION and _landing_accepted(vehicle)
         if not state.active:
             continues = in_landing and not vehicle.ordered
             return self.found_flying(vehicle, at_s) if continues else []
@@ -304,8 +297,8 @@ class Landings:
         return self._hold_in_mission(vehicle, fix.at_s)
 
     def _sending(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        state, accepted = vehicle.landing_state, vehicle.accepted
-        on_board = vehicle.pending is None and accepted is not None and accepted.lands
+        state = vehicle.landing_state
+        on_board = vehicle.pending is None and _landing_accepted(vehicle)
         # Also if its start counted as refused, because the acknowledgement was late or lost:
         flies_landing = on_board and vehicle.mode == MISSION and not state.held
         if state.again_at_s is not None and not flies_landing:
@@ -472,3 +465,8 @@ class Landings:
             place = (float(lat_deg), float(lon_deg))
             return GoAround(vehicle.name, *place, home_amsl_m + COPTER_AROUND_M)
         return GoAround(vehicle.name, *mission.around, home_amsl_m + mission.height_m)
+
+
+def _landing_accepted(vehicle: Vehicle) -> bool:
+    """Return whether the mission that the vehicle accepted last is a landing mission."""
+    return vehicle.accepted is not None and vehicle.accepted.lands

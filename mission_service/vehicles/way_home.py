@@ -94,8 +94,8 @@ def circle_climb(
             return AfterClimb(math.inf, (x_m, y_m), through_air_m_s)
         east_m_s = airspeed_m_s * math.cos(heading_rad) + wind_m_s[0]
         north_m_s = airspeed_m_s * math.sin(heading_rad) + wind_m_s[1]
-        course = _course_to_circle((x_m, y_m), (east_m_s, north_m_s))
-        wanted_rad = _heading_rad(course, wind_m_s, airspeed_m_s)
+        course_rad = _course_to_circle_rad((x_m, y_m), (east_m_s, north_m_s))
+        wanted_rad = _heading_rad(course_rad, wind_m_s, airspeed_m_s)
         turn_rad = (wanted_rad - heading_rad + math.pi) % math.tau - math.pi
         heading_rad += max(-max_turn_rad, min(max_turn_rad, turn_rad))
         x_m += (airspeed_m_s * math.cos(heading_rad) + wind_m_s[0]) * CIRCLE_STEP_S
@@ -105,30 +105,20 @@ def circle_climb(
     return AfterClimb(after_s, (x_m, y_m), end_m_s)
 
 
-def _course_to_circle(place_m: Vector, over_ground_m_s: Vector) -> Vector:
-    """Return the unit vector of the course from a place, relative to the centre, to the circle."""
+def _course_to_circle_rad(place_m: Vector, over_ground_m_s: Vector) -> float:
+    """Return the course to the circle, anticlockwise from x, at a place relative to its centre."""
     off_m, speed_m_s = math.hypot(*place_m), max(math.hypot(*over_ground_m_s), 1.0)
-    outwards = over_ground_m_s[0] / speed_m_s, over_ground_m_s[1] / speed_m_s
-    if off_m > 1.0:
-        outwards = place_m[0] / off_m, place_m[1] / off_m
+    east, north = place_m if off_m > 1.0 else over_ground_m_s
+    outwards_rad = math.atan2(north, east)
     away = min(abs(off_m - PX4_CLIMB_RADIUS_M) / (GUIDANCE_S * speed_m_s), 1.0)
-    along_rad = (1.0 - away) ** 2 * math.pi / 2.0  # 90 degrees on the circle
-    across = math.copysign(math.cos(along_rad), PX4_CLIMB_RADIUS_M - off_m)
-    along = math.sin(along_rad)
-    return (
-        across * outwards[0] + along * outwards[1],
-        across * outwards[1] - along * outwards[0],
-    )
+    turned_rad = (1.0 - away) ** 2 * math.pi / 2.0  # towards the direction of the circle
+    return outwards_rad - (turned_rad if off_m <= PX4_CLIMB_RADIUS_M else math.pi - turned_rad)
 
 
-def _heading_rad(course: Vector, wind_m_s: Vector, airspeed_m_s: float) -> float:
-    """Return the heading, anticlockwise from x, that keeps a course in the wind."""
-    drift_m_s = wind_m_s[1] * course[0] - wind_m_s[0] * course[1]  # to the left of the course
-    along_m_s = math.sqrt(max(airspeed_m_s**2 - drift_m_s**2, 0.0))
-    return math.atan2(
-        along_m_s * course[1] - drift_m_s * course[0],
-        along_m_s * course[0] + drift_m_s * course[1],
-    )
+def _heading_rad(course_rad: float, wind_m_s: Vector, airspeed_m_s: float) -> float:
+    """Return the heading for a course; the nose points into a wind that exceeds the airspeed."""
+    to_left_m_s = wind_m_s[1] * math.cos(course_rad) - wind_m_s[0] * math.sin(course_rad)
+    return course_rad - math.asin(max(-1.0, min(1.0, to_left_m_s / airspeed_m_s)))
 
 
 def copter_home_s(

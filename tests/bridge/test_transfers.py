@@ -263,9 +263,7 @@ def test_over_any_link_a_download_ends_and_success_means_the_mission_was_read(
 
 @each_stack
 @pytest.mark.parametrize("lost_s", [8, 14])
-def test_a_download_that_the_autopilot_has_forgotten_begins_again(
-    stack: Stack, lost_s: int
-) -> None:
+def test_a_download_that_the_autopilot_has_ended_begins_again(stack: Stack, lost_s: int) -> None:
     """PX4 ends a download after 5 s without a message, and ignores later requests for items."""
     pair = connected(stack)
     pair.result_of(upload(pair, line_of(8)))

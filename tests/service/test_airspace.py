@@ -118,7 +118,7 @@ def test_a_volume_off_the_grid_is_measured_from_the_ground_at_the_edge(
     assert land.elevation_m.min() <= lowest_m <= highest_m <= land.elevation_m.max()
 
 
-def test_a_volume_whose_outline_doubles_back_has_limits_above_ground(land: Landscape) -> None:
+def test_a_volume_with_a_spike_in_its_outline_has_limits_above_ground(land: Landscape) -> None:
     lat_deg, lon_deg = FIRE
     corners = [*square(FIRE, 900.0)[:2], (lat_deg + 0.02, lon_deg), *square(FIRE, 900.0)[1:]]
     entry = {"name": "x", "corners": corners, "floor_agl_m": 50}

@@ -188,7 +188,7 @@ def test_a_random_world_has_no_violation(seed: int) -> None:
     altitude of its home, and in 302075 a hill is on the way home of an ordered return. In 7101969 a
     hold is raised below a volume because of ground beside its circle, in 7102246 a multirotor
     hovers in a margin after an interrupted landing, and in 7300849 a hold is raised below a volume
-    whose floor follows the ground.
+    with a floor above ground.
     """
     assert fly(seed)[1] == []
 

@@ -7,7 +7,7 @@ import pytest
 
 from autopilot_bridge.stacks.return_flight import PX4_CLIMB_RADIUS_M, PX4_CLIMB_WITHIN_M
 from mission_service.config.scenario import load_scenario
-from mission_service.vehicles.endurance import ReturnPerformance, return_s
+from mission_service.vehicles.endurance import GRAVITY_M_S2, ReturnPerformance, return_s
 from mission_service.vehicles.way_home import circle_climb, copter_home_s, plane_home_s
 
 TURNS = 1000
@@ -30,7 +30,8 @@ FLOWN = (
     ((921.0, 14.0), (-3.5, -19.7), (2.1, -5.6), 14.0, 67.9),
     ((785.0, 669.0), (-3.0, 3.7), (9.4, -3.4), 20.0, 65.9),
 )
-PERFORMANCE = ReturnPerformance(15.0, 3.0, 2.5, 15.0**2 / (9.80665 * math.tan(math.radians(50.0))))
+TURN_RADIUS_M = 15.0**2 / (GRAVITY_M_S2 * math.tan(math.radians(50.0)))
+PERFORMANCE = ReturnPerformance(15.0, 3.0, 2.5, TURN_RADIUS_M)
 
 
 def brute_force_s(
