@@ -73,20 +73,21 @@ class Airspace:
     def _enters(self, parts: Sequence[Part], volume: Volume, start: Position | None) -> bool:
         margin_m, vertical_m = self.margins.horizontal_m, self.margins.vertical_m
         floor_m, ceiling_m = volume.floor_m - vertical_m, volume.ceiling_m + vertical_m
-        here, margin_here_m = None, margin_m
+        within = [part for part in parts if floor_m < part.highest_m and part.lowest_m < ceiling_m]
+        if not within:
+            return False
+        shapes = np.array([part.shape for part in within])
+        leaves = np.zeros(len(within), dtype=bool)
+        margin_here_m = margin_m
         if start is not None and floor_m < start[2] < ceiling_m:
             here = shapely.Point(start[:2])
             off_m = float(shapely.distance(volume.area_m, here))
             margin_here_m = min(margin_m, max(off_m - 1.0, 0.0))
-        for part in parts:
-            if part.highest_m <= floor_m or part.lowest_m >= ceiling_m:
-                continue
-            begins_here = here is not None and shapely.dwithin(part.shape, here, margin_m)
-            leaves = begins_here and start is not None and not _leads_into(part, start[2], volume)
-            part_margin_m = margin_here_m if leaves else margin_m
-            if shapely.dwithin(volume.area_m, part.shape, part_margin_m):
-                return True
-        return False
+            leads_into = np.array([_leads_into(part, start[2], volume) for part in within])
+            leaves = shapely.dwithin(shapes, here, margin_m) & ~leads_into
+        enter = shapely.dwithin(volume.area_m, shapes[~leaves], margin_m)
+        leaving_enter = shapely.dwithin(volume.area_m, shapes[leaves], margin_here_m)
+        return bool(np.any(enter) or np.any(leaving_enter))
 
 
 def _leads_into(part: Part, altitude_m: float, volume: Volume) -> bool:

@@ -4,12 +4,12 @@ A leg occupies all altitudes between its ends, because autopilots differ as to w
 climb. A loiter occupies its whole disc.
 """
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import shapely
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.geometry.base import BaseGeometry
@@ -46,14 +46,6 @@ class MissionPlace(NamedTuple):
 def disc(x_m: float, y_m: float, radius_m: float, lowest_m: float, highest_m: float) -> Part:
     """Return the space of a loiter."""
     return Part(shapely.Point(x_m, y_m).buffer(radius_m), lowest_m, highest_m)
-
-
-def straight(start: Position, end: Position) -> Part:
-    """Return the space of a straight flight."""
-    low_m, high_m = sorted((start[2], end[2]))
-    if start[:2] == end[:2]:
-        return Part(shapely.Point(start[:2]), low_m, high_m)
-    return Part(shapely.LineString([start[:2], end[:2]]), low_m, high_m)
 
 
 def turns_towards(
@@ -139,7 +131,16 @@ def _wrapped_rad(angle_rad: float) -> float:
 
 def path_parts(points: Sequence[Position]) -> list[Part]:
     """Return the space of a path through positions."""
-    return [straight(start, end) for start, end in itertools.pairwise(points)]
+    if len(points) < 2:
+        return []
+    places = np.array([point[:2] for point in points])
+    lines = np.array(shapely.linestrings(np.stack([places[:-1], places[1:]], axis=1)))
+    parts: list[Part] = []
+    for line, start, end in zip(lines, points[:-1], points[1:], strict=True):
+        low_m, high_m = sorted((start[2], end[2]))
+        shape = line if start[:2] != end[:2] else shapely.Point(start[:2])
+        parts.append(Part(shape, low_m, high_m))
+    return parts
 
 
 def mission_places(

@@ -9,7 +9,7 @@ import shapely
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace
-from mission_service.airspace.occupied_space import Part, straight
+from mission_service.airspace.occupied_space import Part, path_parts
 from mission_service.commands import AnyCommand, ClimbAndHold, HoldAt, Orbit
 from mission_service.core.airspace_evasions import Evasions
 from mission_service.core.flight_space import FlightSpace, position_of
@@ -44,7 +44,7 @@ class PlaceChecks:
         place = self._space.of_hold_at(vehicle, command)
         x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
         target = (float(x_m), float(y_m), command.altitude_amsl_m)
-        parts = [straight(position_of(fix), target), place]
+        parts = [*path_parts([position_of(fix), target]), place]
         if isinstance(command, HoldAt):  # a descent from above the altitude limit is free
             airspace = replace(airspace, max_altitude_agl_m=None)
         conflict = airspace.conflict(parts, self._landscape, position_of(fix))

@@ -277,7 +277,8 @@ def clears(points_m: Floats, heights_m: Floats, home_m: Floats, landscape: Lands
     """
     if landscape.elevation_m is None:
         return True
-    if not all(landscape.contains(float(x), float(y)) for x, y in points_m):
+    corners = (points_m.min(axis=0), points_m.max(axis=0))
+    if not all(landscape.contains(*corner.tolist()) for corner in corners):
         return False
     ground_m = landscape.elevation_at(points_m[:, 0], points_m[:, 1])
     above_home_m = ground_m - float(landscape.elevation_at(*home_m))

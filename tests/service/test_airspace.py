@@ -18,7 +18,7 @@ from mission_service.airspace.occupied_space import (
     corner_parts,
     disc,
     held_turn,
-    straight,
+    path_parts,
     turns_towards,
 )
 from mission_service.airspace.routes import Detours, exits_from
@@ -280,31 +280,33 @@ BLOCK = Volume("block", shapely.box(100.0, -100.0, 300.0, 100.0), 200.0, 400.0)
 
 
 @pytest.mark.parametrize(
-    ("part", "clear"),
+    ("parts", "clear"),
     [
-        (straight((0.0, 0.0, 300.0), (500.0, 0.0, 300.0)), False),
-        (straight((0.0, 0.0, 420.0), (500.0, 0.0, 430.0)), True),
-        (straight((0.0, 0.0, 410.0), (500.0, 0.0, 430.0)), False),  # within the vertical margin
-        (straight((0.0, 0.0, 500.0), (500.0, 0.0, 100.0)), False),  # altitudes between the ends
-        (straight((0.0, 155.0, 300.0), (500.0, 155.0, 300.0)), True),
-        (straight((0.0, 145.0, 300.0), (500.0, 145.0, 300.0)), False),  # within the margin
-        (disc(0.0, 0.0, 40.0, 300.0, 300.0), True),
-        (disc(0.0, 0.0, 60.0, 300.0, 300.0), False),
+        (path_parts([(0.0, 0.0, 300.0), (500.0, 0.0, 300.0)]), False),
+        (path_parts([(0.0, 0.0, 420.0), (500.0, 0.0, 430.0)]), True),
+        (path_parts([(0.0, 0.0, 410.0), (500.0, 0.0, 430.0)]), False),  # within the vertical margin
+        (path_parts([(0.0, 0.0, 500.0), (500.0, 0.0, 100.0)]), False),  # altitudes between the ends
+        (path_parts([(0.0, 155.0, 300.0), (500.0, 155.0, 300.0)]), True),
+        (path_parts([(0.0, 145.0, 300.0), (500.0, 145.0, 300.0)]), False),  # within the margin
+        ([disc(0.0, 0.0, 40.0, 300.0, 300.0)], True),
+        ([disc(0.0, 0.0, 60.0, 300.0, 300.0)], False),
     ],
 )
-def test_a_part_of_a_flight_is_clear_or_not(part: Part, clear: bool, land: Landscape) -> None:
+def test_a_part_of_a_flight_is_clear_or_not(
+    parts: list[Part], clear: bool, land: Landscape
+) -> None:
     airspace = Airspace((BLOCK,), Margins(50.0, 15.0))
-    assert (airspace.conflict([part], land) is None) == clear
+    assert (airspace.conflict(parts, land) is None) == clear
 
 
 def test_a_flight_that_begins_in_the_margin_may_leave_it(land: Landscape) -> None:
     airspace = Airspace((BLOCK,), Margins(50.0, 15.0))
     start = (90.0, 0.0, 300.0)
-    away = straight(start, (-200.0, 0.0, 300.0))
-    towards = straight(start, (99.5, 0.0, 300.0))
-    assert airspace.conflict([away], land) is not None
-    assert airspace.conflict([away], land, start) is None
-    assert airspace.conflict([towards], land, start) is not None
+    away = path_parts([start, (-200.0, 0.0, 300.0)])
+    towards = path_parts([start, (99.5, 0.0, 300.0)])
+    assert airspace.conflict(away, land) is not None
+    assert airspace.conflict(away, land, start) is None
+    assert airspace.conflict(towards, land, start) is not None
 
 
 def test_the_altitude_limit_counts_from_the_lowest_ground_below(land: Landscape) -> None:
@@ -314,8 +316,8 @@ def test_the_altitude_limit_counts_from_the_lowest_ground_below(land: Landscape)
     lowest_m = min(float(land.elevation_at(x_m + east, y_m)) for east in along)
     for above_m, clear in ((118.0, True), (123.0, False)):
         altitude_m = lowest_m + above_m
-        part = straight((x_m, y_m, altitude_m), (x_m + 600.0, y_m, altitude_m))
-        assert (airspace.conflict([part], land) is None) == clear
+        parts = path_parts([(x_m, y_m, altitude_m), (x_m + 600.0, y_m, altitude_m)])
+        assert (airspace.conflict(parts, land) is None) == clear
 
 
 def test_a_way_around_is_short_and_keeps_out() -> None:

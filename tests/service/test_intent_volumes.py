@@ -6,7 +6,7 @@ import pytest
 import shapely
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR, Part, disc, straight
+from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR, Part, disc, path_parts
 from mission_service.airspace.operational_intent import (
     IntendedPart,
     IntentExtent,
@@ -50,7 +50,7 @@ def test_a_leg_is_a_polygon_that_contains_its_reach_and_margin_and_hardly_more(
     land: Landscape, middle: tuple[float, float]
 ) -> None:
     x_m, y_m = middle
-    part = straight((x_m, y_m, 400.0), (x_m + 700.0, y_m - 300.0, 450.0))
+    (part,) = path_parts([(x_m, y_m, 400.0), (x_m + 700.0, y_m - 300.0, 450.0)])
     extent = extent_of(land, IntendedPart("leg", part, REACH_M))
     assert extent.outline_circle is None
     area = area_m(land, extent)
