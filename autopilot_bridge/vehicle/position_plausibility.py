@@ -102,7 +102,8 @@ class BootClock:
         """Return by how many microseconds a time since boot is ahead of the expected time."""
         if self._latest_us is None:
             return 0
-        return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
+        at_us, line_us = self._line
+        return round(boot_us - line_us - self._slope * (now_us - at_us))
 
     def judge(self, boot_us: int, now_us: int) -> TimeVerdict:
         """Classify a time since boot; ``rebooted`` and ``changed`` begin a new series."""

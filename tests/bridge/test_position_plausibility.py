@@ -102,6 +102,15 @@ def test_times_a_little_ahead_do_not_add_up() -> None:
     assert ahead_us <= 4 * SECOND
 
 
+def test_a_jump_counts_from_the_expected_time_and_not_from_the_latest_one() -> None:
+    clock = BootClock()
+    now_us = stream(clock, 1.0, 20.0)
+    assert clock.judge(now_us + 2 * SECOND, now_us) == "kept"
+    jumped_us = now_us + 4 * SECOND
+    assert clock.ahead_us(jumped_us, now_us) == 4 * SECOND
+    assert clock.judge(jumped_us, now_us) == "ahead"
+
+
 @pytest.mark.parametrize("every_s", [0.1, 0.25, 1.0])
 def test_a_restart_is_one_when_all_goes_on_from_zero(every_s: float) -> None:
     clock = BootClock()
