@@ -21,7 +21,8 @@ from mission_service.vehicles.availability import (
     named_mode,
 )
 from mission_service.vehicles.endurance import home_s, usual_return_height_m
-from mission_service.vehicles.energy import EnergyEstimate, estimate, landing_s, times_left
+from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
+from mission_service.vehicles.landing_time import landing_s
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 from mission_service.vehicles.way_home import Vector
 
@@ -87,13 +88,16 @@ class EnergyWatch:
     def _estimate(self, vehicle: Vehicle, event: events.Telemetry) -> EnergyEstimate | None:
         at_s, fix = event.at_us / 1e6, vehicle.availability.fix
         flown_s = at_s - vehicle.availability.took_off_at_s
-        times = times_left(vehicle.section, vehicle.battery, flown_s, at_s)
+        wind_m_s, return_height_m = self.wind_m_s(vehicle, at_s), self.return_height_m(vehicle)
+        arrives_m = max(return_height_m, event.altitude_relative_m)
+        approach = vehicle.landing.approach_at(at_s)
+        lands_s = landing_s(vehicle.section, approach, arrives_m, math.hypot(*wind_m_s))
+        times = times_left(vehicle.section, vehicle.battery, flown_s, lands_s, at_s)
         if not times or fix is None:
             return None
         home_amsl_m = event.altitude_amsl_m - event.altitude_relative_m
-        return_amsl_m = home_amsl_m + self.return_height_m(vehicle)
-        found_s = home_s(vehicle, fix, self.wind_m_s(vehicle, at_s), return_amsl_m)
-        return estimate(times, found_s, at_s)
+        found_s = home_s(vehicle, fix, wind_m_s, home_amsl_m + return_height_m)
+        return estimate(times, found_s, lands_s, at_s)
 
     def return_height_m(self, vehicle: Vehicle) -> float:
         """Return the return height above home in m; if unknown, the stack's usual one."""
@@ -137,7 +141,7 @@ def _report(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     reachable = math.isfinite(found.time_home_s)
     home = round(found.time_home_s) if reachable else None
     on_task = round(found.time_on_task_s) if reachable else -1
-    landing = round(landing_s(vehicle.section))
+    landing = round(found.time_landing_s)
     return [ReportEnergy(vehicle.name, on_task, home, landing, found.source)]
 
 

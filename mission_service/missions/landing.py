@@ -74,7 +74,10 @@ class Approach(NamedTuple):
 
 
 class Landing:
-    """The landing, into the scenario's wind, at the end of a vehicle's missions if required."""
+    """A vehicle's approach into the scenario's wind, and the landing at the end of its missions.
+
+    Only missions of some vehicles end with a landing (``needs_landing``).
+    """
 
     def __init__(self, scenario: Scenario, section: VehicleSection, landscape: Landscape) -> None:
         """Plan the landing at the scenario's start. Raises ScenarioError if none is possible."""
@@ -83,6 +86,7 @@ class Landing:
         self._needed = needs_landing(section)
         self._weather = weather_of(scenario) if section.winged else None
         self._items: tuple[MissionItem, ...] = ()
+        self._approach: Approach | None = None
         self._wind: tuple[float, float] | None = None  # for which the items were planned
         self.closed = NOTHING
         self.items_at(scenario.start_s)
@@ -94,13 +98,30 @@ class Landing:
 
     def items_at(self, at_s: float) -> tuple[MissionItem, ...]:
         """Return the items of a landing into the wind at a given time; () if none is needed."""
-        if self._weather is None or not self._needed:
-            return ()
-        wind = self.wind_at(at_s)
-        if wind != self._wind:
-            self._items = landing_of(self._section, self._landscape, wind, self.closed)
-            self._wind = wind
+        self._plan(at_s)
         return self._items
+
+    def approach_at(self, at_s: float) -> Approach | None:
+        """Return the approach into the wind at a given time; None for a multirotor.
+
+        None also if no approach clears the terrain, which only a needed landing requires.
+        """
+        self._plan(at_s)
+        return self._approach
+
+    def _plan(self, at_s: float) -> None:
+        if self._weather is None or (wind := self.wind_at(at_s)) == self._wind:
+            return
+        try:
+            approach, items = landing_in_wind(self._section, self._landscape, wind, self.closed)
+        except ScenarioError:
+            if self._needed:
+                raise
+            self._approach = None
+        else:
+            self._approach = approach
+            self._items = (LAND_START, *items) if self._needed else ()
+        self._wind = wind
 
     def start_at(self, at_s: float) -> tuple[float, float] | None:
         """Return the centre (x, y) of the loiter that begins the landing; None if there is none."""
@@ -117,21 +138,6 @@ class Landing:
         return weather.wind_speed_m_s, weather.wind_from_deg
 
 
-def landing_of(
-    section: VehicleSection,
-    landscape: Landscape,
-    wind: tuple[float, float],
-    closed: BaseGeometry = NOTHING,
-) -> tuple[MissionItem, ...]:
-    """Return DO_LAND_START, a loiter down to approach height, and a landing at home.
-
-    ``wind`` is the speed in m/s, and the direction in degrees from which the wind blows. Altitudes
-    are above home, as required for touchdown. Raises ScenarioError if no approach is clear.
-    """
-    _, items = landing_in_wind(section, landscape, wind, closed)
-    return (LAND_START, *items)
-
-
 def landing_in_wind(
     section: VehicleSection,
     landscape: Landscape,
@@ -140,8 +146,9 @@ def landing_in_wind(
 ) -> tuple[Approach, tuple[MissionItem, ...]]:
     """Return the approach, and its items, from which a plane comes to rest at home.
 
-    ``wind`` is the speed in m/s, and the direction in degrees from which the wind blows. Raises
-    ScenarioError if no approach is clear.
+    The items are a loiter down to approach height and a landing at home. Their altitudes are above
+    home, as required for touchdown. ``wind`` is the speed in m/s, and the direction in degrees from
+    which the wind blows. Raises ScenarioError if no approach is clear.
     """
     wind_m_s, wind_from_deg = wind
     approach = approach_of(section, landscape, wind_from_deg, closed)

@@ -9,6 +9,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.fire.scenario_fire import weather_of
+from mission_service.missions.landing import Landing
 from mission_service.relief.watch import NEVER_S, WatchAircraft
 from mission_service.vehicles.endurance import (
     outbound_s,
@@ -16,7 +17,7 @@ from mission_service.vehicles.endurance import (
     return_s,
     usual_return_height_m,
 )
-from mission_service.vehicles.energy import landing_s
+from mission_service.vehicles.landing_time import landing_s
 from mission_service.vehicles.way_home import Vector
 
 SHARED = "battery"  # pool name if all aircraft share their batteries
@@ -50,7 +51,7 @@ def scenario_aircraft(
                 home=_home_number(homes, home_m),
                 out_s=out_s,
                 back_s=back_s,
-                landing_s=math.ceil(landing_s(section)),
+                landing_s=math.ceil(_landing_s(scenario, section, landscape, winds)),
                 endurance_s=int(section.endurance_s),
                 reserve_s=math.ceil(section.endurance_reserve_s),
             )
@@ -114,6 +115,14 @@ def _flight_times(
 
     out = max(time_to_task_s(section, landscape, home_m, task_m, wind) for wind in winds)
     return _whole(out), _whole(max(map(back_s, winds)))
+
+
+def _landing_s(
+    scenario: Scenario, section: VehicleSection, landscape: Landscape, winds: list[Vector]
+) -> float:
+    approach = Landing(scenario, section, landscape).approach_at(scenario.first_flight_s)
+    height_m = max(usual_return_height_m(section), section.altitude_agl_m)
+    return landing_s(section, approach, height_m, max(math.hypot(*wind) for wind in winds))
 
 
 def _scaled(direction: Vector, length: float) -> Vector:

@@ -11,6 +11,7 @@ from autopilot_bridge.stacks.return_flight import (
 from mission_service.config.sections import VehicleSection
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
+from mission_service.vehicles.landing_time import landing_s
 from mission_service.vehicles.vehicle_state import Vehicle
 from mission_service.vehicles.way_home import (
     Vector,
@@ -159,6 +160,9 @@ def time_up_words(vehicle: Vehicle, at_s: float) -> str:
     """Return why a vehicle lacks the energy to fly on, or to start; "" if it has enough."""
     found: EnergyEstimate | None = vehicle.energy.estimate
     if not vehicle.availability.airborne:
-        times = times_left(vehicle.section, vehicle.battery, 0.0, at_s)
-        found = estimate(times, 0.0, at_s)
+        section = vehicle.section
+        arrives_m = max(usual_return_height_m(section), section.altitude_agl_m)
+        lands_s = landing_s(section, vehicle.landing.approach_at(at_s), arrives_m, wind_m_s=0.0)
+        times = times_left(section, vehicle.battery, 0.0, lands_s, at_s)
+        found = estimate(times, 0.0, lands_s, at_s)
     return found.words if found is not None and found.time_on_task_s <= 0.0 else ""

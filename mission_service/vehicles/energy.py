@@ -11,12 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from mission_service.config.sections import VehicleSection
-from mission_service.missions.landing import glide_m
 from mission_service.vehicles.battery_reports import CONFIRMED_S, BatteryReports
-
-LANDING_SPEED_FACTOR = 0.7  # landing airspeed, as a fraction of the airspeed
-COPTER_LANDING_S = 60.0
-VTOL_DESCENT_S = 60.0  # from approach height
 
 
 class TimeLeft(NamedTuple):
@@ -34,6 +29,7 @@ class EnergyEstimate(NamedTuple):
     source: str
     time_on_task_s: float  # until the vehicle must fly home; negative after this time
     time_home_s: float  # until arrival at home; infinity if the wind prevents it
+    time_landing_s: float  # from the arrival at home to the touchdown
     until_empty_s: float  # NaN if unknown
 
     @property
@@ -65,36 +61,20 @@ class EnergyState:
     low: Literal["", "warning", "severe"] = ""  # severity of the alarm about low energy
 
 
-def landing_s(section: VehicleSection) -> float:
-    """Return the time that a landing takes after arrival over home.
-
-    After one circle, a plane glides down at its landing airspeed. A VTOL first descends to approach
-    height like a plane, and then vertically.
-    """
-    if section.kind == "copter":
-        return COPTER_LANDING_S
-    circle_m = math.tau * section.loiter_radius_m
-    descent_s = VTOL_DESCENT_S if section.kind == "vtol" else 0.0
-    glide_s = (glide_m(section.altitude_agl_m) + circle_m) / (
-        LANDING_SPEED_FACTOR * section.airspeed_m_s
-    )
-    return glide_s + descent_s
-
-
 def times_left(
-    section: VehicleSection, battery: BatteryReports, flown_s: float, at_s: float
+    section: VehicleSection, battery: BatteryReports, flown_s: float, lands_s: float, at_s: float
 ) -> list[TimeLeft]:
     """Return the time left according to each source that has a value.
 
-    The landing is flown within ``endurance_reserve_s``, or within the time it takes if that is
-    longer; ``battery_reserve_pct`` remains after the landing.
+    The landing, which takes ``lands_s``, is flown within ``endurance_reserve_s``, or within the
+    time it takes if that is longer; ``battery_reserve_pct`` remains after the landing.
     """
     found = []
     if section.endurance_s is not None:
         left_s = section.endurance_s - flown_s
-        reserve_s = max(section.endurance_reserve_s, landing_s(section))
+        reserve_s = max(section.endurance_reserve_s, lands_s)
         found.append(TimeLeft("endurance_s", left_s - reserve_s, left_s))
-    lands_s, reserve_pct = landing_s(section), section.battery_reserve_pct
+    reserve_pct = section.battery_reserve_pct
     level_pct = battery.level_pct(at_s)
     if level_pct is not None:
         rates = {
@@ -117,13 +97,15 @@ def times_left(
     return found
 
 
-def estimate(times: list[TimeLeft], home_s: float, at_s: float) -> EnergyEstimate | None:
+def estimate(
+    times: list[TimeLeft], home_s: float, lands_s: float, at_s: float
+) -> EnergyEstimate | None:
     """Return the estimate from the source with the least time left on task; None without a source.
 
-    ``home_s`` is the duration of the flight home.
+    ``home_s`` is the duration of the flight home, ``lands_s`` that of the landing.
     """
     if not times:
         return None
     least = min(times, key=lambda each: each.until_home_s)
     on_task_s = least.until_home_s - home_s
-    return EnergyEstimate(at_s, least.source, on_task_s, home_s, least.until_empty_s)
+    return EnergyEstimate(at_s, least.source, on_task_s, home_s, lands_s, least.until_empty_s)

@@ -15,6 +15,7 @@ from mission_service.commands import CheckState, PreflightCheck
 from mission_service.config.sections import VehicleSection
 from mission_service.vehicles.endurance import expected_performance, outbound_s, return_s
 from mission_service.vehicles.energy import times_left
+from mission_service.vehicles.landing_time import landing_s
 from mission_service.vehicles.vehicle_state import MissionPhase, Vehicle
 from mission_service.vehicles.way_home import Vector
 
@@ -121,7 +122,10 @@ def _battery(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
     reserve = f"the reserve is {section.battery_reserve_pct:.0f} %"
     if level_pct is not None and level_pct <= section.battery_reserve_pct:
         return PreflightCheck(BATTERY, "fail", f"{level}, {reserve}: replace the battery")
-    times = times_left(section, vehicle.battery, 0.0, at_s)
+    arrives_m = max(departure.return_height_m, section.altitude_agl_m)
+    approach = vehicle.landing.approach_at(at_s)
+    lands_s = landing_s(section, approach, arrives_m, math.hypot(*departure.wind_m_s))
+    times = times_left(section, vehicle.battery, 0.0, lands_s, at_s)
     if not times:
         if level_pct is None:
             return PreflightCheck(BATTERY, "unknown", level)

@@ -166,7 +166,7 @@ def test_a_world_is_the_same_each_time() -> None:
         *(40115, 40149, 40403, 40583, 40772, 41067, 50255, 50786, 50989),
         *(60454, 60833, 61123, 73452),
         *(92273, 92621, 93158, 70326, 81126, 80201, 200162, 201590, 302075),
-        *(7101969, 7102246, 7300849),
+        *(7101969, 7102246, 7300849, 8001041),
     ],
 )
 def test_a_random_world_has_no_violation(seed: int) -> None:
@@ -187,8 +187,9 @@ def test_a_random_world_has_no_violation(seed: int) -> None:
     in 80201 a multirotor lands beside a volume, in 201590 an autopilot is restarted below the
     altitude of its home, and in 302075 a hill is on the way home of an ordered return. In 7101969 a
     hold is raised below a volume because of ground beside its circle, in 7102246 a multirotor
-    hovers in a margin after an interrupted landing, and in 7300849 a hold is raised below a volume
-    with a floor above ground.
+    hovers in a margin after an interrupted landing, in 7300849 a hold is raised below a volume with
+    a floor above ground, and in 8001041 a volume closes around a multirotor that descends at its
+    place before it flies home.
     """
     assert fly(seed)[1] == []
 

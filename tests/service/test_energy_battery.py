@@ -12,12 +12,11 @@ from mission_service.vehicles.energy import (
     EnergyEstimate,
     TimeLeft,
     estimate,
-    landing_s,
     times_left,
 )
 
 SECTION = load_scenario("default").vehicles[0]
-LANDS_S = landing_s(SECTION)
+LANDS_S = 220.0
 
 
 def report(at_s: float, percent: float | None, *values: float | None) -> BatteryUpdated:
@@ -36,7 +35,7 @@ def flown(
 
 
 def least(battery: BatteryReports, at_s: float, section: VehicleSection = SECTION) -> TimeLeft:
-    found = estimate(times_left(section, battery, at_s, at_s), 0.0, at_s)
+    found = estimate(times_left(section, battery, at_s, LANDS_S, at_s), 0.0, LANDS_S, at_s)
     assert found is not None
     return TimeLeft(found.source, found.time_on_task_s, found.until_empty_s)
 
@@ -53,11 +52,11 @@ def test_the_rate_of_discharge_is_learned(endurance_s: float) -> None:
 
 def test_no_time_is_estimated_before_a_rate_is_learned() -> None:
     battery = flown(BatteryReports(), 1500.0, 60.0)
-    assert times_left(SECTION, battery, 60.0, 60.0) == []
+    assert times_left(SECTION, battery, 60.0, LANDS_S, 60.0) == []
     constant = BatteryReports()
     for number in range(100):
         constant.apply(report(number * 10.0, 100.0), True, None)
-    assert times_left(SECTION, constant, 1000.0, 1000.0) == []
+    assert times_left(SECTION, constant, 1000.0, LANDS_S, 1000.0) == []
 
 
 def test_the_learned_rate_is_kept_when_the_battery_is_changed() -> None:
@@ -116,7 +115,9 @@ def test_a_charge_below_the_reserve_counts_before_a_rate_is_learned() -> None:
         battery.apply(report(at_s, 15.0), True, None)
     left = least(battery, 21.0)
     assert left.until_home_s == pytest.approx(-LANDS_S)
-    assert not EnergyEstimate(21.0, *left[:2], 500.0, left.until_empty_s).runs_out  # unknown
+    assert not EnergyEstimate(
+        21.0, *left[:2], 500.0, LANDS_S, left.until_empty_s
+    ).runs_out  # unknown
 
 
 def test_a_fall_that_no_flight_causes_is_no_rate_of_discharge() -> None:
@@ -126,7 +127,7 @@ def test_a_fall_that_no_flight_causes_is_no_rate_of_discharge() -> None:
         percent = float(max(100 - 100 * second // 60, 50))
         battery.apply(report(float(second), percent), True, None)
     assert battery.level_pct(898.0) == 50.0
-    assert times_left(SECTION, battery, 898.0, 898.0) == []
+    assert times_left(SECTION, battery, 898.0, LANDS_S, 898.0) == []
 
 
 def test_without_reports_the_charge_continues_to_fall() -> None:
@@ -149,7 +150,7 @@ def test_the_used_charge_shows_a_change_sooner_than_the_percentage(by: str) -> N
         percent = float(math.ceil(100.0 - used_mah / 5000.0 * 100.0))
         values = (None, used_mah) if by == "consumed" else (current_a, None)
         battery.apply(report(at_s, percent, 12.0, *values), True, None)
-    times = {each.source: each for each in times_left(SECTION, battery, 0.0, 1000.0)}
+    times = {each.source: each for each in times_left(SECTION, battery, 0.0, LANDS_S, 1000.0)}
     truly_s = (5000.0 - used_mah) * 3.6 / 20.0
     assert times["current"].until_empty_s == pytest.approx(truly_s, rel=0.2)
     assert times["battery"].until_empty_s > times["current"].until_empty_s
@@ -161,7 +162,7 @@ def test_the_autopilots_estimate_counts_after_it_has_lasted() -> None:
     battery.apply(report(0.0, 80.0, 12.0, None, None, 5.0), True, None)  # wrong
     for second in range(1, 40):
         battery.apply(report(float(second), 80.0, 12.0, None, None, 800.0 - second), True, None)
-        left = times_left(SECTION, battery, 0.0, float(second))
+        left = times_left(SECTION, battery, 0.0, LANDS_S, float(second))
         assert all(each.until_home_s > 200.0 for each in left)
     left_s = least(battery, 39.0)
     assert left_s.source == "autopilot's estimate"
@@ -174,11 +175,11 @@ def test_a_low_voltage_counts_after_it_has_lasted() -> None:
     for second in range(10):
         battery.apply(report(float(second), None, 10.2), True, 10.5)
     battery.apply(report(10.0, None, 0.0), True, 10.5)  # a wrong value hides nothing
-    assert times_left(SECTION, battery, 0.0, 10.0) == []
+    assert times_left(SECTION, battery, 0.0, LANDS_S, 10.0) == []
     battery.apply(report(21.0, None, 10.2), True, 10.5)
-    assert [each.source for each in times_left(SECTION, battery, 0.0, 21.0)] == ["voltage"]
+    assert [each.source for each in times_left(SECTION, battery, 0.0, LANDS_S, 21.0)] == ["voltage"]
     battery.apply(report(22.0, None, 10.9), True, 10.5)
-    assert times_left(SECTION, battery, 0.0, 22.0) == []
+    assert times_left(SECTION, battery, 0.0, LANDS_S, 22.0) == []
 
 
 def test_the_source_with_the_least_time_on_task_counts() -> None:
@@ -187,28 +188,19 @@ def test_the_source_with_the_least_time_on_task_counts() -> None:
     assert least(battery, 600.0, section).source == "battery"
     shorter = section.model_copy(update={"endurance_s": 1200.0})
     assert least(battery, 600.0, shorter).source == "endurance_s"
-    found = estimate(times_left(section, BatteryReports(), 600.0, 600.0), 250.0, 600.0)
+    found = estimate(
+        times_left(section, BatteryReports(), 600.0, LANDS_S, 600.0), 250.0, LANDS_S, 600.0
+    )
     assert found is not None
     assert (found.source, found.time_on_task_s, found.runs_out) == ("endurance_s", 2050.0, False)
     assert found.words == "34 min on task, 4 min home (source: endurance_s)"
 
 
-def test_a_plane_lands_after_a_circle_and_a_glide() -> None:
-    plane = SECTION.model_copy(
-        update={"airspeed_m_s": 20.0, "altitude_agl_m": 120.0, "loiter_radius_m": 100.0}
-    )
-    glide_m = 120.0 / math.tan(math.radians(4.5))
-    assert landing_s(plane) == pytest.approx((glide_m + math.tau * 100.0) / 14.0)
-    assert landing_s(plane.model_copy(update={"kind": "copter"})) == 60.0
-
-
 def test_the_reserve_of_the_endurance_is_at_least_the_time_of_the_landing() -> None:
     section = SECTION.model_copy(update={"endurance_s": 1000.0, "endurance_reserve_s": 100.0})
-    (left,) = times_left(section, BatteryReports(), 0.0, 0.0)
-    assert landing_s(section) > 200.0
-    assert left.until_home_s == pytest.approx(1000.0 - landing_s(section))
-    copter = section.model_copy(update={"kind": "copter"})
-    assert times_left(copter, BatteryReports(), 0.0, 0.0)[0].until_home_s == 900.0
+    for lands_s, left_s in ((250.0, 750.0), (60.0, 900.0)):
+        (left,) = times_left(section, BatteryReports(), 0.0, lands_s, 0.0)
+        assert left.until_home_s == left_s
 
 
 @pytest.mark.parametrize("begins_s", [0.0, 7.0, 19.0, 26.0, 45.0])
@@ -219,4 +211,4 @@ def test_the_fall_of_px4s_simulated_battery_is_no_discharge(begins_s: float) -> 
         battery.apply(report(float(second), math.ceil(100.0 - fallen_pct)), True, None)
     assert battery.level_pct(900.0) == 50.0
     assert battery.discharge_pct_s() is None
-    assert times_left(SECTION, battery, 900.0, 900.0) == []
+    assert times_left(SECTION, battery, 900.0, LANDS_S, 900.0) == []

@@ -22,7 +22,9 @@ from mission_service.journal.journal_file import SegmentReader
 from mission_service.missions.landing import (
     APPROACH_HEIGHTS_M,
     GLIDE_DEG,
-    landing_of,
+    LAND_START,
+    NOTHING,
+    landing_in_wind,
     needs_landing,
 )
 from mission_service.missions.landing_mission import landing_mission
@@ -54,6 +56,14 @@ def section(**more: object) -> VehicleSection:
     lat, lon = FLAT.lat_lon_of(500_000.0 + HOME_M[0], 4_000_000.0 + HOME_M[1])
     home = {"home_lat_deg": float(lat), "home_lon_deg": float(lon)}
     return VehicleSection.model_validate({"name": "a", **home, **more})
+
+
+def landing_of(
+    plane: VehicleSection, landscape: Landscape, wind: tuple[float, float]
+) -> tuple[MissionItem, ...]:
+    """Return the items of a landing at the end of a mission."""
+    _, items = landing_in_wind(plane, landscape, wind, NOTHING)
+    return (LAND_START, *items)
 
 
 def course_deg(landscape: Landscape, plane: VehicleSection, wind_from_deg: float) -> float:

@@ -10,17 +10,12 @@ from mission_service.missions.landing import glide_m
 from mission_service.missions.landing_mission import LandingMission
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.endurance import MIN_SPEED_M_S, home_s
+from mission_service.vehicles.landing_time import copter_descent_s, plane_descent_s
 from mission_service.vehicles.vehicle_state import Vehicle
 from mission_service.vehicles.way_home import Vector, copter_home_s, plane_home_s
 
 FACTOR, MARGIN_S = 1.15, 30.0  # the stated time allows for this prediction error
 TAKES_EFFECT_S = 5.0  # until a vehicle flies a mission sent now
-# Landings of planes: sink rate in the approach loiter; glide airspeed as a fraction of the
-# airspeed, between the approach and touchdown airspeeds.
-VTOL_SINK_M_S = 1.0
-PLANE_SINK_M_S, GLIDE_SPEED_FACTOR, MIN_GLIDE_M_S = 3.0, 0.85, 3.0
-# Landings of multirotors: default sink rates of both stacks.
-COPTER_SINK_M_S, SLOW_BELOW_M, TOUCHDOWN_M_S = 1.5, 10.0, 0.5
 DISARMS_S = 10.0  # from touchdown to disarm
 
 
@@ -72,17 +67,14 @@ def plane_landing_s(
     """
     section, availability = vehicle.section, vehicle.availability
     to_approach_s = to_place_s(vehicle, fix, centre_m, wind_m_s)
-    down_s = max(availability.height_m - mission.height_m, 0.0) / PLANE_SINK_M_S
     half_circle_s = math.pi * section.loiter_radius_m / section.airspeed_m_s
     along = (vehicle.home_m[0] - centre_m[0], vehicle.home_m[1] - centre_m[1])
     headwind_m_s = -(wind_m_s[0] * along[0] + wind_m_s[1] * along[1]) / max(math.hypot(*along), 1.0)
-    glide_m_s = max(GLIDE_SPEED_FACTOR * section.airspeed_m_s - headwind_m_s, MIN_GLIDE_M_S)
-    if section.kind == "vtol":
-        line_m = math.hypot(*along)  # not shorter than the straight line
-        glide_s = line_m / glide_m_s + mission.height_m / VTOL_SINK_M_S
-    else:
-        glide_s = glide_m(mission.height_m) / glide_m_s
-    return TAKES_EFFECT_S + to_approach_s + down_s + half_circle_s + glide_s + DISARMS_S
+    line_m = math.hypot(*along) if section.kind == "vtol" else glide_m(mission.height_m)
+    descent_s = plane_descent_s(
+        section, availability.height_m, mission.height_m, line_m, headwind_m_s
+    )
+    return TAKES_EFFECT_S + to_approach_s + half_circle_s + descent_s + DISARMS_S
 
 
 def copter_landing_s(
@@ -91,8 +83,7 @@ def copter_landing_s(
     """Return the seconds until a multirotor that returns home is disarmed."""
     height_m = vehicle.availability.height_m
     return_amsl_m = fix.altitude_m - height_m + return_height_m
-    fast_m = max(height_m, return_height_m) - SLOW_BELOW_M
-    down_s = max(fast_m, 0.0) / COPTER_SINK_M_S + SLOW_BELOW_M / TOUCHDOWN_M_S
+    down_s = copter_descent_s(max(height_m, return_height_m))
     return home_s(vehicle, fix, wind_m_s, return_amsl_m) + down_s + DISARMS_S
 
 
