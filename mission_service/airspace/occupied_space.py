@@ -143,6 +143,16 @@ def path_parts(points: Sequence[Position]) -> list[Part]:
     return parts
 
 
+def turn_area(points: Sequence[Position]) -> Part:
+    """Return the space inside a turn and the flight to its target.
+
+    The turn may begin earlier, or be tighter, than along the points.
+    """
+    altitudes_m = [point[2] for point in points]
+    shape = shapely.LineString([point[:2] for point in points]).convex_hull
+    return Part(shape, min(altitudes_m), max(altitudes_m))
+
+
 def mission_places(
     items: Sequence[MissionItem], landscape: Landscape, home_altitude_m: float
 ) -> tuple[MissionPlace, ...]:

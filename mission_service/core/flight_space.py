@@ -21,6 +21,7 @@ from mission_service.airspace.occupied_space import (
     mission_parts,
     mission_places,
     path_parts,
+    turn_area,
     turning_parts,
     turns_towards,
 )
@@ -93,6 +94,7 @@ class FlightSpace:
         for first, *then in (positions, away):
             for entry in self._entries(vehicle, fix, first[:2]):
                 parts += path_parts([*entry, first])
+                parts += [turn_area([*entry, first])] if vehicle.section.winged else []
                 parts += corner_parts([entry[-1], first, *then[:1]], radius_m)
         return parts
 
@@ -143,6 +145,7 @@ class FlightSpace:
         parts = [part for route in routes for part in path_parts(route)]
         section = vehicle.section
         if section.winged:
+            parts += [turn_area(route) for route in routes]
             reach_m = LOITER_RADIUS_FACTOR * section.loiter_radius_m
             circle = disc(*goal_m, reach_m, home_altitude_m, high_m)
             parts += [approach_part(route[-2], circle) for route in routes]

@@ -19,6 +19,7 @@ from mission_service.airspace.occupied_space import (
     disc,
     held_turn,
     path_parts,
+    turn_area,
     turns_towards,
 )
 from mission_service.airspace.routes import Detours, exits_from
@@ -307,6 +308,14 @@ def test_a_flight_that_begins_in_the_margin_may_leave_it(land: Landscape) -> Non
     assert airspace.conflict(away, land) is not None
     assert airspace.conflict(away, land, start) is None
     assert airspace.conflict(towards, land, start) is not None
+
+
+def test_a_turn_may_begin_earlier_or_be_tighter(land: Landscape) -> None:
+    airspace = Airspace((BLOCK,), Margins(20.0, 15.0))
+    around = [(-50.0, -130.0), (350.0, -130.0), (350.0, 300.0)]
+    positions = [(*place, 300.0) for place in around]
+    assert airspace.conflict(path_parts(positions), land) is None
+    assert airspace.conflict([turn_area(positions)], land) is not None
 
 
 def test_the_altitude_limit_counts_from_the_lowest_ground_below(land: Landscape) -> None:
