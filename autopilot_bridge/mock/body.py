@@ -27,7 +27,10 @@ IN_PLACE_M = 2.0  # at a shorter horizontal distance, a copter climbs or descend
 HIGH_ENOUGH_M = 1.5
 WIDER_M = 12.0  # observed with radii of 100 and 150 m: 11 m at 12.6 m/s, 13 m at 22 m/s
 SHORT_S = 0.7  # ArduPlane: distance short of the point per m/s of headwind or tailwind
-FLOATS_S = 4.5  # time from the flare of a PX4 plane until it comes to rest
+# A PX4 plane comes to rest beyond its landing point: by this time over the ground, and by this much
+# more per m/s, up to a maximum, by which it slows down for the approach.
+BEYOND_S, BEYOND_M = 4.5, -9.0
+SLOWING_S, MAX_SLOWING_M_S = 5.0, 5.0
 MIN_GROUND_SPEED_M_S = 5.0  # PX4: FW_GND_SPD_MIN, which a plane keeps in any wind
 FALL_M_S = 8.0  # speed of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
@@ -160,25 +163,27 @@ class Body:
         left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
         length = max(math.hypot(*leg), 1.0)
         ahead_m = (left[0] * leg[0] + left[1] * leg[1]) / length
-        ahead_m = max(ahead_m + self._floats_m(leg[0] / length, leg[1] / length), 0.0)
+        ahead_m = max(ahead_m + self._beyond_m(leg[0] / length, leg[1] / length), 0.0)
         self.follow(start, place, min(ground_m + ahead_m * GLIDE, self.motion.altitude_m))
         if self.motion.altitude_m > ground_m + 0.1:
             return False
         self.touch(ground_m)
         return True
 
-    def _floats_m(self, north: float, east: float) -> float:
+    def _beyond_m(self, north: float, east: float) -> float:
         """Return how far beyond its landing point a plane comes to rest on this course.
 
-        A PX4 plane in simulation flares at the point and floats on at about its minimum airspeed,
+        A PX4 plane in simulation glides above the line to the point, at about its minimum airspeed,
         but never slower than its minimum speed over the ground.
         ArduPlane stops short of the point in a headwind or tailwind, and at the point without wind.
         """
         along_m_s = self.wind.north_m_s * north + self.wind.east_m_s * east
         if self.stack.name != "px4":
             return -SHORT_S * abs(along_m_s)
-        slowest_m_s = self.limits.min_airspeed_m_s + along_m_s
-        return FLOATS_S * max(slowest_m_s, MIN_GROUND_SPEED_M_S)
+        over_ground_m_s = max(self.limits.min_airspeed_m_s + along_m_s, MIN_GROUND_SPEED_M_S)
+        slows_by_m_s = self.limits.airspeed_m_s - (over_ground_m_s - along_m_s)
+        slowing_m = SLOWING_S * min(slows_by_m_s, MAX_SLOWING_M_S)
+        return max(BEYOND_S * over_ground_m_s + slowing_m + BEYOND_M, 0.0)
 
     def climb(self, place: Place, altitude_m: float) -> bool:
         """Compute one step of a VTOL's vertical climb; return whether it now flies as a plane."""

@@ -32,11 +32,14 @@ VTOL_DECELERATION_M_S2, VTOL_SETTLES_M = 1.0, 100.0  # PX4 and ArduPlane brake w
 CLEARANCE_M = 30.0
 SHIFT_M = 100.0  # in missions that only land, the approach may end this far short of home
 UNCHECKED_M = 300.0  # final part of the glide, which is always near the ground
-# PX4 flares towards the NAV_LAND point and then floats: its planes come to rest this flight time
-# beyond the point. The plane flies the approach at its minimum airspeed, or faster, so that its
-# speed over the ground is at least FW_GND_SPD_MIN. In seven simulated landings of PX4 1.17, in
-# winds of 0, 6 and 10 m/s, the time was 2.3 to 6.0 s without the error of the estimated height.
-PX4_FLOATS_S = 4.5
+# A PX4 plane glides above the line to NAV_LAND and comes to rest beyond it. Its altitude follows a
+# sinking setpoint late: by FW_T_ALT_TC (5 s) times 1 - FW_T_HRATE_FF (0.7); the flare and the
+# rollout add 1 s. A plane that has to slow down for the approach remains too fast with the throttle
+# at idle, and TECS then keeps it higher. Fitted to 16 simulated landings of PX4 1.17 in winds of 0,
+# 5 and 10 m/s, at an airspeed of 15 m/s. On the approach, the plane flies at its minimum airspeed,
+# or faster, so that its speed over the ground is at least FW_GND_SPD_MIN.
+PX4_BEYOND_S, PX4_BEYOND_M = 4.5, -9.0
+PX4_SLOWING_S, PX4_MAX_SLOWING_M_S = 5.0, 5.0
 PX4_MIN_GROUND_SPEED_M_S = 5.0
 # In seven simulated landings in a wind of 10 m/s, ArduPlane 4.6.2 came to rest between 12 m short
 # of its point and 5 m beyond it; the mean is this time multiplied by the headwind or tailwind.
@@ -153,21 +156,28 @@ def landing_in_wind(
     wind_m_s, wind_from_deg = wind
     approach = approach_of(section, landscape, wind_from_deg, closed)
     headwind_m_s = wind_m_s * math.cos(math.radians(approach.course_deg - wind_from_deg))
-    short_m = _floats_m(section, headwind_m_s) * forward_of(approach.course_deg)
+    short_m = _beyond_m(section, headwind_m_s) * forward_of(approach.course_deg)
     approach = approach._replace(centre_m=approach.centre_m - short_m)
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     touchdown = place_e7(landscape, home_m - short_m)
     return approach, approach_items(section, landscape, approach, touchdown)
 
 
-def _floats_m(section: VehicleSection, headwind_m_s: float) -> float:
+def _beyond_m(section: VehicleSection, headwind_m_s: float) -> float:
     """Return how far beyond the NAV_LAND point a plane comes to rest; negative if short of it."""
     if section.kind == "vtol":
         return 0.0
     if section.stack != "px4":
         return -ARDUPLANE_SHORT_S * abs(headwind_m_s)
-    slowest_m_s = section.min_airspeed_m_s - headwind_m_s
-    return PX4_FLOATS_S * max(slowest_m_s, PX4_MIN_GROUND_SPEED_M_S)
+    glide_m_s = px4_glide_airspeed_m_s(section, headwind_m_s)
+    over_ground_m = PX4_BEYOND_S * (glide_m_s - headwind_m_s)
+    slowing_m = PX4_SLOWING_S * min(section.airspeed_m_s - glide_m_s, PX4_MAX_SLOWING_M_S)
+    return max(over_ground_m + slowing_m + PX4_BEYOND_M, 0.0)
+
+
+def px4_glide_airspeed_m_s(section: VehicleSection, headwind_m_s: float) -> float:
+    """Return the airspeed of a PX4 plane on its approach."""
+    return max(section.min_airspeed_m_s, PX4_MIN_GROUND_SPEED_M_S + headwind_m_s)
 
 
 def approach_of(

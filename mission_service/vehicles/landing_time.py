@@ -5,9 +5,9 @@ import math
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.landing import (
     APPROACH_HEIGHTS_M,
-    PX4_MIN_GROUND_SPEED_M_S,
     Approach,
     glide_m,
+    px4_glide_airspeed_m_s,
 )
 
 # Planes: sink rate in the approach loiter; minimum speed over the ground on the glide.
@@ -68,7 +68,7 @@ def _approach_m_s(section: VehicleSection, headwind_m_s: float) -> float:
     if section.kind == "vtol":
         return max(section.airspeed_m_s - headwind_m_s, MIN_GLIDE_M_S)
     if section.stack == "px4":
-        return max(section.min_airspeed_m_s - headwind_m_s, PX4_MIN_GROUND_SPEED_M_S)
+        return px4_glide_airspeed_m_s(section, headwind_m_s) - headwind_m_s
     airspeed_m_s = (section.airspeed_m_s + section.min_airspeed_m_s) / 2.0
     return max(airspeed_m_s - headwind_m_s, MIN_GLIDE_M_S)
 

@@ -93,22 +93,29 @@ def test_px4_takes_every_item_and_the_glide() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wind_m_s", "short_m"), [(0.0, 45.0), (2.0, 36.0), (6.0, 22.5), (10.0, 22.5), (14.0, 22.5)]
+    ("wind_m_s", "short_m"), [(0.0, 61.0), (2.0, 52.0), (6.0, 33.5), (10.0, 13.5), (14.0, 0.0)]
 )
-def test_the_landing_is_short_of_home_by_the_distance_that_px4_floats(
+def test_the_landing_is_short_of_home_by_the_distance_that_px4_flies_beyond_it(
     wind_m_s: float, short_m: float
 ) -> None:
     # PX4 lands at its minimum airspeed (10 m/s), but not slower over the ground than 5 m/s.
-    wind = (wind_m_s, 30.0)
-    *_, touchdown = landing_of(section(), FLAT, wind)
+    wind, plane = (wind_m_s, 30.0), section(airspeed_m_s=15.0)
+    *_, touchdown = landing_of(plane, FLAT, wind)
     x_m, y_m = FLAT.xy_of_lat_lon(touchdown.x / 1e7, touchdown.y / 1e7)
     home_m = FLAT.xy_of_lat_lon(section().home_lat_deg, section().home_lon_deg)
     course = math.radians(30.0)
     east_m, north_m = home_m[0] - x_m, home_m[1] - y_m
     assert east_m == pytest.approx(short_m * math.sin(course), abs=0.2)
     assert north_m == pytest.approx(short_m * math.cos(course), abs=0.2)
-    only_landing = landing_mission(section(), FLAT, wind, home_m)
+    only_landing = landing_mission(plane, FLAT, wind, home_m)
     assert only_landing.items[only_landing.final_seq] == touchdown
+
+
+def test_a_faster_plane_flies_no_farther_beyond_its_landing_point() -> None:
+    at_15, at_25 = (
+        landing_of(section(airspeed_m_s=v), FLAT, (0.0, 30.0))[-1] for v in (15.0, 25.0)
+    )
+    assert (at_15.x, at_15.y) == (at_25.x, at_25.y)
 
 
 def test_waypoints_on_the_glide_precede_px4s_landing_item() -> None:
