@@ -27,8 +27,8 @@ IN_PLACE_M = 2.0  # at a shorter horizontal distance, a copter climbs or descend
 HIGH_ENOUGH_M = 1.5
 WIDER_M = 12.0  # observed with radii of 100 and 150 m: 11 m at 12.6 m/s, 13 m at 22 m/s
 SHORT_S = 0.7  # ArduPlane: distance short of the point per m/s of headwind or tailwind
-# A PX4 plane comes to rest beyond its landing point: by this time over the ground, and by this much
-# more per m/s, up to a maximum, by which it slows down for the approach.
+# How far beyond its landing point a PX4 plane comes to rest: a time over the ground, a constant,
+# and a time multiplied by the reduction of its airspeed for the approach, up to a maximum.
 BEYOND_S, BEYOND_M = 4.5, -9.0
 SLOWING_S, MAX_SLOWING_M_S = 5.0, 5.0
 MIN_GROUND_SPEED_M_S = 5.0  # PX4: FW_GND_SPD_MIN, which a plane keeps in any wind
@@ -182,7 +182,7 @@ class Body:
             return -SHORT_S * abs(along_m_s)
         over_ground_m_s = max(self.limits.min_airspeed_m_s + along_m_s, MIN_GROUND_SPEED_M_S)
         slows_by_m_s = self.limits.airspeed_m_s - (over_ground_m_s - along_m_s)
-        slowing_m = SLOWING_S * min(slows_by_m_s, MAX_SLOWING_M_S)
+        slowing_m = SLOWING_S * min(max(slows_by_m_s, 0.0), MAX_SLOWING_M_S)
         return max(BEYOND_S * over_ground_m_s + slowing_m + BEYOND_M, 0.0)
 
     def climb(self, place: Place, altitude_m: float) -> bool:

@@ -102,6 +102,8 @@ class BootClock:
         """Return by how many microseconds a time since boot is ahead of the expected time."""
         if self._latest_us is None:
             return 0
+        if len(self._points) < POINTS:
+            return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
         at_us, line_us = self._line
         return round(boot_us - line_us - self._slope * (now_us - at_us))
 

@@ -64,7 +64,7 @@ class Airspace:
                 return volume.words
         if self.max_altitude_agl_m is None:
             return None
-        for part in parts:
+        for part in [each for each in parts if not each.beside]:
             above_m = _highest_above_ground_m(part, landscape)
             if above_m > self.max_altitude_agl_m + ROUNDING_M:
                 return f"the airspace above the limit of {self.max_altitude_agl_m:g} m above ground"

@@ -28,11 +28,15 @@ RETURN_ABOVE_M = 150.0  # returns are checked up to this height above home
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of the occupied space: a horizontal shape (x, y in metres) and its altitudes."""
+    """A part of the occupied space: a horizontal shape (x, y in metres) and its altitudes.
+
+    The altitude limit above ground does not apply to a part ``beside`` the expected path.
+    """
 
     shape: BaseGeometry
     lowest_m: float
     highest_m: float
+    beside: bool = False
 
 
 class MissionPlace(NamedTuple):
@@ -144,13 +148,13 @@ def path_parts(points: Sequence[Position]) -> list[Part]:
 
 
 def turn_area(points: Sequence[Position]) -> Part:
-    """Return the space inside a turn and the flight to its target.
+    """Return the convex hull of a turn and the straight flight after it.
 
     The turn may begin earlier, or be tighter, than along the points.
     """
     altitudes_m = [point[2] for point in points]
     shape = shapely.LineString([point[:2] for point in points]).convex_hull
-    return Part(shape, min(altitudes_m), max(altitudes_m))
+    return Part(shape, min(altitudes_m), max(altitudes_m), beside=True)
 
 
 def mission_places(

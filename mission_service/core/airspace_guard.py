@@ -52,7 +52,7 @@ from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 CHANGED = "the airspace has changed"
-AT_PLACE_M = 10.0  # a waypoint this near, and farther below, is a descent at the vehicle's place
+AT_PLACE_M = 10.0  # a waypoint this near, and farther below, is a descent at the place
 BEFORE_ENTRY_S = 25.0  # without a new mission, a vehicle holds this long before it would enter
 ACTS_AGAIN_S = 15.0  # longer than an upload
 RETURNS_AGAIN_S = 30.0  # longer than the bridge keeps repeating a return
@@ -439,17 +439,25 @@ class AirspaceGuard:
     def _ends_outside(self, vehicle: Vehicle, airspace: Airspace) -> bool:
         """Return whether the vehicle is flying out of a volume to a position that is still free.
 
-        A mission home that was planned before the volume closed may begin with a descent at the
-        vehicle's place; the vehicle then stays in the volume for too long.
+        A multirotor's mission home that was planned before the volume closed may begin with a
+        descent at its place; it then stays in the volume for too long, unless it soon leaves the
+        volume through its floor.
         """
         state, fix = self._states[vehicle.name], vehicle.availability.fix
         route = state.on_board
         ends = bool(route) and airspace.volume_at(route[-1].position) is None
         if not ends or fix is None or not self._flies_out(vehicle):
             return False
+        if vehicle.section.winged:
+            return True
         target = next((each for each in route if each.seq >= vehicle.current_seq), route[-1])
-        here = math.dist(target.position[:2], (fix.x_m, fix.y_m)) < AT_PLACE_M
-        return not (here and target.position[2] < fix.altitude_m - AT_PLACE_M)
+        x_m, y_m, down_to_m = target.position
+        here = math.dist((x_m, y_m), (fix.x_m, fix.y_m)) < AT_PLACE_M
+        if not here or down_to_m > fix.altitude_m - AT_PLACE_M:
+            return True
+        inside = airspace.volume_at(position_of(fix))
+        floor_m = -math.inf if inside is None else inside.floor_m
+        return max(down_to_m, fix.altitude_m - AT_PLACE_M) < floor_m
 
     def _flies_out(self, vehicle: Vehicle) -> bool:
         """Return whether the vehicle is flying the mission by which it leaves a volume."""

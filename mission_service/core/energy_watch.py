@@ -20,9 +20,12 @@ from mission_service.vehicles.availability import (
     VehicleAirData,
     named_mode,
 )
-from mission_service.vehicles.endurance import home_s, usual_return_height_m
+from mission_service.vehicles.endurance import (
+    home_s,
+    landing_after_return_s,
+    usual_return_height_m,
+)
 from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
-from mission_service.vehicles.landing_time import landing_s
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 from mission_service.vehicles.way_home import Vector
 
@@ -90,8 +93,7 @@ class EnergyWatch:
         flown_s = at_s - vehicle.availability.took_off_at_s
         wind_m_s, return_height_m = self.wind_m_s(vehicle, at_s), self.return_height_m(vehicle)
         arrives_m = max(return_height_m, event.altitude_relative_m)
-        approach = vehicle.landing.approach_at(at_s)
-        lands_s = landing_s(vehicle.section, approach, arrives_m, math.hypot(*wind_m_s))
+        lands_s = landing_after_return_s(vehicle, arrives_m, wind_m_s, at_s)
         times = times_left(vehicle.section, vehicle.battery, flown_s, lands_s, at_s)
         if not times or fix is None:
             return None

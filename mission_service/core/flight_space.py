@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import shapely
 
@@ -151,7 +152,7 @@ class FlightSpace:
             parts += [approach_part(route[-2], circle) for route in routes]
             glide = _return_landing(vehicle, state)[1:]
             parts += [approach_part(place.position, circle) for place in glide]
-        return [Part(part.shape, home_altitude_m, high_m) for part in parts]
+        return [replace(part, lowest_m=home_altitude_m, highest_m=high_m) for part in parts]
 
     def return_goal_m(self, vehicle: Vehicle, state: AirspaceState) -> tuple[float, float]:
         """Return the position (x, y) to which a return leads directly: home or a landing."""

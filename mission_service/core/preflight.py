@@ -8,6 +8,7 @@ order. Burns have no sign-off: their checklist and the approval of the plan take
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
+from mission_service.airspace.occupied_space import MissionPlace
 from mission_service.commands import (
     AnyCommand,
     ClearAlarm,
@@ -136,13 +137,14 @@ class Preflight:
         ground_amsl_m = None
         if fix is not None and self._landscape.elevation_m is not None:
             ground_amsl_m = float(self._landscape.elevation_at(fix.x_m, fix.y_m))
-        over_ground = self._return_ground.from_mission(
-            vehicle, *self._airspace.mission_and_return(vehicle)
-        )
+        places, goal_m = self._airspace.mission_and_return(vehicle)
+        over_ground = self._return_ground.from_mission(vehicle, places, goal_m)
+        return_height_m = self._energy.return_height_m(vehicle)
         departure = Departure(
             at_s,
             self._energy.wind_m_s(vehicle, at_s),
-            self._energy.return_height_m(vehicle),
+            return_height_m,
+            max(return_height_m, self._greatest_height_m(vehicle, places)),
             ground_amsl_m,
             self._airspace.departure_obstacle(vehicle, at_s),
             aircraft is not None,
@@ -153,6 +155,13 @@ class Preflight:
         )
         state.checks, state.computed_at_s = checks_of(vehicle, departure), at_s
         return state.checks
+
+    def _greatest_height_m(self, vehicle: Vehicle, places: tuple[MissionPlace, ...]) -> float:
+        """Return the greatest height above home in a mission, or else the planned altitude."""
+        if not places or self._landscape.elevation_m is None:
+            return vehicle.section.altitude_agl_m
+        home_amsl_m = float(self._landscape.elevation_at(*vehicle.home_m))
+        return max(place.position[2] for place in places) - home_amsl_m
 
     def _end_sign_off(self, vehicle: Vehicle) -> list[AnyCommand]:
         """End a sign-off if a check fails that was not overridden."""

@@ -30,14 +30,15 @@ APPROACH_HEIGHTS_M = (50.0, 75.0, 100.0, 125.0, 150.0)
 VTOL_HEIGHTS_M = (40.0, *APPROACH_HEIGHTS_M)  # heights of a VTOL's transitions
 VTOL_DECELERATION_M_S2, VTOL_SETTLES_M = 1.0, 100.0  # PX4 and ArduPlane brake with 2 m/s2
 CLEARANCE_M = 30.0
-SHIFT_M = 100.0  # in missions that only land, the approach may end this far short of home
 UNCHECKED_M = 300.0  # final part of the glide, which is always near the ground
-# A PX4 plane glides above the line to NAV_LAND and comes to rest beyond it. Its altitude follows a
-# sinking setpoint late: by FW_T_ALT_TC (5 s) times 1 - FW_T_HRATE_FF (0.7); the flare and the
-# rollout add 1 s. A plane that has to slow down for the approach remains too fast with the throttle
-# at idle, and TECS then keeps it higher. Fitted to 16 simulated landings of PX4 1.17 in winds of 0,
-# 5 and 10 m/s, at an airspeed of 15 m/s. On the approach, the plane flies at its minimum airspeed,
-# or faster, so that its speed over the ground is at least FW_GND_SPD_MIN.
+# A PX4 plane glides above the line to NAV_LAND and comes to rest beyond it. By its default
+# parameters its altitude follows a sinking setpoint 3.5 s late (FW_T_ALT_TC times 1 -
+# FW_T_HRATE_FF). A plane that has to slow down for the approach remains too fast with the throttle
+# at idle, and TECS then keeps it higher. The three factors, of the speed over the ground, of the
+# reduction of the airspeed, and the constant for the rest (flare and rollout), were fitted to 16
+# simulated landings of PX4 1.17 in winds of 0, 5 and 10 m/s, at an airspeed of 15 m/s. On the
+# approach, the plane flies at its minimum airspeed, or faster, so that its speed over the ground is
+# at least FW_GND_SPD_MIN.
 PX4_BEYOND_S, PX4_BEYOND_M = 4.5, -9.0
 PX4_SLOWING_S, PX4_MAX_SLOWING_M_S = 5.0, 5.0
 PX4_MIN_GROUND_SPEED_M_S = 5.0
@@ -64,16 +65,22 @@ def hovers_on(section: VehicleSection) -> bool:
 
 
 class Approach(NamedTuple):
-    """A straight approach to home from a clockwise loiter, both clear of the terrain.
+    """A straight approach from a clockwise loiter to a landing item, both clear of the terrain.
 
-    ``centre_m`` is the x, y of the loiter's centre; ``height_m`` is the loiter's height above home;
-    ``length_m`` is the length of the straight line.
+    Attributes:
+        course_deg: Course of the straight line.
+        height_m: Height of the loiter above home.
+        centre_m: Centre of the loiter (x, y).
+        length_m: Length of the straight line.
+        landing_m: Position (x, y) of the landing item, from which the vehicle comes to rest at
+            home.
     """
 
     course_deg: float
     height_m: float
     centre_m: Floats
     length_m: float
+    landing_m: Floats
 
 
 class Landing:
@@ -100,39 +107,42 @@ class Landing:
             self.closed, self._wind = closed, None
 
     def items_at(self, at_s: float) -> tuple[MissionItem, ...]:
-        """Return the items of a landing into the wind at a given time; () if none is needed."""
+        """Return the items of a landing into the wind at a given time; () if none is needed.
+
+        If no approach into that wind clears the terrain, the landing is the one planned before.
+        """
         self._plan(at_s)
         return self._items
 
     def approach_at(self, at_s: float) -> Approach | None:
-        """Return the approach into the wind at a given time; None for a multirotor.
+        """Return the approach into the wind at a given time, or the one planned before.
 
-        None also if no approach clears the terrain, which only a needed landing requires.
+        None for a multirotor, and for a vehicle whose missions need no landing if no approach has
+        been clear of the terrain.
         """
         self._plan(at_s)
         return self._approach
 
     def _plan(self, at_s: float) -> None:
+        """Plan for a new wind. Raises ScenarioError if the first needed landing is impossible."""
         if self._weather is None or (wind := self.wind_at(at_s)) == self._wind:
             return
+        self._wind = wind
         try:
             approach, items = landing_in_wind(self._section, self._landscape, wind, self.closed)
         except ScenarioError:
-            if self._needed:
+            if self._needed and not self._items:
                 raise
-            self._approach = None
-        else:
-            self._approach = approach
-            self._items = (LAND_START, *items) if self._needed else ()
-        self._wind = wind
+            return
+        self._approach = approach
+        self._items = (LAND_START, *items) if self._needed else ()
 
     def start_at(self, at_s: float) -> tuple[float, float] | None:
         """Return the centre (x, y) of the loiter that begins the landing; None if there is none."""
-        items = self.items_at(at_s)
-        if not items:
-            return None
-        loiter = items[1]  # after DO_LAND_START
-        return self._landscape.xy_of_lat_lon(loiter.x / 1e7, loiter.y / 1e7)
+        approach = self.approach_at(at_s) if self._needed else None
+        return (
+            None if approach is None else (float(approach.centre_m[0]), float(approach.centre_m[1]))
+        )
 
     def wind_at(self, at_s: float) -> tuple[float, float]:
         """Return the scenario's wind at a given time: speed (m/s) and direction (from, degrees)."""
@@ -153,14 +163,10 @@ def landing_in_wind(
     home, as required for touchdown. ``wind`` is the speed in m/s, and the direction in degrees from
     which the wind blows. Raises ScenarioError if no approach is clear.
     """
-    wind_m_s, wind_from_deg = wind
-    approach = approach_of(section, landscape, wind_from_deg, closed)
-    headwind_m_s = wind_m_s * math.cos(math.radians(approach.course_deg - wind_from_deg))
-    short_m = _beyond_m(section, headwind_m_s) * forward_of(approach.course_deg)
-    approach = approach._replace(centre_m=approach.centre_m - short_m)
-    home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
-    touchdown = place_e7(landscape, home_m - short_m)
-    return approach, approach_items(section, landscape, approach, touchdown)
+    approach = approach_of(section, landscape, wind, closed)
+    return approach, approach_items(
+        section, landscape, approach, place_e7(landscape, approach.landing_m)
+    )
 
 
 def _beyond_m(section: VehicleSection, headwind_m_s: float) -> float:
@@ -171,38 +177,45 @@ def _beyond_m(section: VehicleSection, headwind_m_s: float) -> float:
         return -ARDUPLANE_SHORT_S * abs(headwind_m_s)
     glide_m_s = px4_glide_airspeed_m_s(section, headwind_m_s)
     over_ground_m = PX4_BEYOND_S * (glide_m_s - headwind_m_s)
-    slowing_m = PX4_SLOWING_S * min(section.airspeed_m_s - glide_m_s, PX4_MAX_SLOWING_M_S)
-    return max(over_ground_m + slowing_m + PX4_BEYOND_M, 0.0)
+    slows_by_m_s = min(max(section.airspeed_m_s - glide_m_s, 0.0), PX4_MAX_SLOWING_M_S)
+    return max(over_ground_m + PX4_SLOWING_S * slows_by_m_s + PX4_BEYOND_M, 0.0)
 
 
 def px4_glide_airspeed_m_s(section: VehicleSection, headwind_m_s: float) -> float:
     """Return the airspeed of a PX4 plane on its approach."""
-    return max(section.min_airspeed_m_s, PX4_MIN_GROUND_SPEED_M_S + headwind_m_s)
+    needed_m_s = max(section.min_airspeed_m_s, PX4_MIN_GROUND_SPEED_M_S + headwind_m_s)
+    return min(needed_m_s, section.max_airspeed_m_s)
 
 
 def approach_of(
     section: VehicleSection,
     landscape: Landscape,
-    wind_from_deg: float,
+    wind: tuple[float, float],
     closed: BaseGeometry = NOTHING,
 ) -> Approach:
-    """Return the approach to home.
+    """Return the approach from which a vehicle comes to rest at home.
 
     The course is ``landing_course_deg`` if this is set. Otherwise, the course is as close to the
     wind direction as a terrain clearance of ``CLEARANCE_M`` along the approach and the loiter
-    permits, and the approach avoids the area ``closed`` if possible. Raises ScenarioError if no
-    approach is clear of the terrain.
+    permits, and the approach avoids the area ``closed`` if possible. ``wind`` is the speed in m/s,
+    and the direction in degrees from which the wind blows. Raises ScenarioError if no approach is
+    clear of the terrain.
     """
+    wind_m_s, wind_from_deg = wind
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
+    if closed.intersects(shapely.Point(home_m)):
+        closed = NOTHING  # no approach can avoid it
     given = section.landing_course_deg
     courses = [wind_from_deg + turn for turn in COURSES_DEG] if given is None else [given]
     vtol = section.kind == "vtol"
     entering: Approach | None = None
     for course_deg in courses:
+        headwind_m_s = wind_m_s * math.cos(math.radians(course_deg - wind_from_deg))
+        landing_m = home_m - _beyond_m(section, headwind_m_s) * forward_of(course_deg)
         for height_m in VTOL_HEIGHTS_M if vtol else APPROACH_HEIGHTS_M:
             length_m = vtol_leg_m(section) if vtol else glide_m(height_m)
-            centre_m = loiter_beside(home_m, course_deg, -length_m, section.loiter_radius_m)
-            approach = Approach(course_deg % 360.0, height_m, centre_m, length_m)
+            centre_m = loiter_beside(landing_m, course_deg, -length_m, section.loiter_radius_m)
+            approach = Approach(course_deg % 360.0, height_m, centre_m, length_m, landing_m)
             if not _is_clear(home_m, approach, section, landscape):
                 continue
             if not _space_of(home_m, approach, section).intersects(closed):
@@ -219,11 +232,10 @@ def approach_of(
 
 
 def _space_of(home_m: Floats, approach: Approach, section: VehicleSection) -> BaseGeometry:
-    """Return the area below a loiter and a glide, even if the glide ends short of home."""
-    before_m = approach.centre_m - SHIFT_M * forward_of(approach.course_deg)
-    loiters = shapely.MultiPoint([approach.centre_m, before_m])
-    discs = loiters.buffer(LOITER_RADIUS_FACTOR * section.loiter_radius_m)
-    return shapely.union(discs, shapely.Point(home_m)).convex_hull
+    """Return the area below a loiter, a glide and the way from its end to home."""
+    reach_m = LOITER_RADIUS_FACTOR * section.loiter_radius_m
+    ends = shapely.MultiPoint([approach.landing_m, home_m])
+    return shapely.union(shapely.Point(approach.centre_m).buffer(reach_m), ends).convex_hull
 
 
 def forward_of(course_deg: float) -> Floats:
@@ -258,11 +270,11 @@ def loiter_beside(home_m: Floats, course_deg: float, ahead_m: float, radius_m: f
 def _is_clear(
     home_m: Floats, approach: Approach, section: VehicleSection, landscape: Landscape
 ) -> bool:
-    """Return whether the loiter and the line to home clear the terrain."""
+    """Return whether the loiter and the line to the landing item clear the terrain."""
     spacing_m = landscape.cell_size_m / 2.0
     first_m = 0.0 if section.kind == "vtol" else UNCHECKED_M
     back_m = np.arange(first_m, approach.length_m + spacing_m, spacing_m)
-    line = home_m - back_m[:, None] * forward_of(approach.course_deg)
+    line = approach.landing_m - back_m[:, None] * forward_of(approach.course_deg)
     heights = back_m * approach.height_m / approach.length_m
     if section.kind == "vtol":
         heights = np.full(len(back_m), approach.height_m)

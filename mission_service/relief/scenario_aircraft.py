@@ -51,7 +51,7 @@ def scenario_aircraft(
                 home=_home_number(homes, home_m),
                 out_s=out_s,
                 back_s=back_s,
-                landing_s=math.ceil(_landing_s(scenario, section, landscape, winds)),
+                landing_s=math.ceil(_landing_s(scenario, section, landscape, task_m, winds)),
                 endurance_s=int(section.endurance_s),
                 reserve_s=math.ceil(section.endurance_reserve_s),
             )
@@ -118,11 +118,18 @@ def _flight_times(
 
 
 def _landing_s(
-    scenario: Scenario, section: VehicleSection, landscape: Landscape, winds: list[Vector]
+    scenario: Scenario,
+    section: VehicleSection,
+    landscape: Landscape,
+    task_m: Vector,
+    winds: list[Vector],
 ) -> float:
+    """Return the longest time from the arrival over home to the touchdown."""
+    home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
+    home_amsl_m, task_amsl_m = _amsl_m(section, landscape, home_m, task_m)
+    height_m = max(usual_return_height_m(section), task_amsl_m - home_amsl_m)
     approach = Landing(scenario, section, landscape).approach_at(scenario.first_flight_s)
-    height_m = max(usual_return_height_m(section), section.altitude_agl_m)
-    return landing_s(section, approach, height_m, max(math.hypot(*wind) for wind in winds))
+    return max(landing_s(section, approach, home_m, height_m, wind) for wind in winds)
 
 
 def _scaled(direction: Vector, length: float) -> Vector:

@@ -93,13 +93,31 @@ def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: 
     fly home, PX4 planes to ``PX4_CLIMB_ENDS_BELOW_M`` below ``return_amsl_m``, the others to this
     altitude; ArduPlane climbs on the way.
     """
-    landing_m = vehicle.landing.start_at(fix.at_s) if vehicle.return_flight.to_landing else None
+    landing_m = _landing_of_return_m(vehicle, fix.at_s)
     goal_m = vehicle.home_m if landing_m is None else landing_m
     home_m = (goal_m[0] - fix.x_m, goal_m[1] - fix.y_m)
     climb_m = max(return_amsl_m - fix.altitude_m, 0.0)
     performance = expected_performance(vehicle, fix.altitude_m)
     over_ground_m_s = (fix.east_m_s, fix.north_m_s)
     return return_s(vehicle.section, performance, home_m, over_ground_m_s, wind_m_s, climb_m)
+
+
+def _landing_of_return_m(vehicle: Vehicle, at_s: float) -> Vector | None:
+    """Return the loiter (x, y) that begins the landing to which a return leads; None: home."""
+    return vehicle.landing.start_at(at_s) if vehicle.return_flight.to_landing else None
+
+
+def landing_after_return_s(
+    vehicle: Vehicle, height_m: float, wind_m_s: Vector, at_s: float
+) -> float:
+    """Return the seconds from the end of a return to the touchdown.
+
+    ``height_m`` is the height above home at the end of the return; ``wind_m_s`` is the velocity of
+    the air (x, y).
+    """
+    home_m = vehicle.home_m if _landing_of_return_m(vehicle, at_s) is None else None
+    approach = vehicle.landing.approach_at(at_s)
+    return landing_s(vehicle.section, approach, home_m, height_m, wind_m_s)
 
 
 def return_s(
@@ -162,7 +180,7 @@ def time_up_words(vehicle: Vehicle, at_s: float) -> str:
     if not vehicle.availability.airborne:
         section = vehicle.section
         arrives_m = max(usual_return_height_m(section), section.altitude_agl_m)
-        lands_s = landing_s(section, vehicle.landing.approach_at(at_s), arrives_m, wind_m_s=0.0)
+        lands_s = landing_after_return_s(vehicle, arrives_m, (0.0, 0.0), at_s)
         times = times_left(section, vehicle.battery, 0.0, lands_s, at_s)
         found = estimate(times, 0.0, lands_s, at_s)
     return found.words if found is not None and found.time_on_task_s <= 0.0 else ""

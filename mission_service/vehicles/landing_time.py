@@ -1,4 +1,4 @@
-"""Predicts how long a landing takes after the arrival over its loiter or over home. Pure."""
+"""Predicts how long a landing takes. Pure."""
 
 import math
 
@@ -8,34 +8,58 @@ from mission_service.missions.landing import (
     Approach,
     glide_m,
     px4_glide_airspeed_m_s,
+    vtol_leg_m,
 )
+from mission_service.vehicles.way_home import Vector
 
-# Planes: sink rate in the approach loiter; minimum speed over the ground on the glide.
+# Planes: sink rate in the approach loiter; minimum speed over the ground.
 PLANE_SINK_M_S, MIN_GLIDE_M_S = 3.0, 3.0
 VTOL_SINK_M_S = 1.0
-# Multirotors: default sink rates of both stacks.
+# Multirotors: default sink rates of both stacks; the default RTL_LOIT_TIME of ArduCopter.
+WAITS_S = {"px4": 0.0, "ardupilot": 5.0}
 COPTER_SINK_M_S, SLOW_BELOW_M, TOUCHDOWN_M_S = 1.5, 10.0, 0.5
 
 
 def landing_s(
-    section: VehicleSection, approach: Approach | None, height_m: float, wind_m_s: float
+    section: VehicleSection,
+    approach: Approach | None,
+    home_m: Vector | None,
+    height_m: float,
+    wind_m_s: Vector,
 ) -> float:
-    """Return the seconds from the arrival to the touchdown of a landing that has not begun.
+    """Return the seconds from the end of a flight home to the touchdown, before the landing begins.
 
-    A plane flies a whole circle in its approach loiter and glides into the wind.
+    A plane flies to its approach loiter, a whole circle there, and glides against the wind.
 
     Args:
         section: The vehicle.
-        approach: The approach of a winged vehicle; None if it is not planned.
-        height_m: Height above home at the arrival.
-        wind_m_s: Wind speed.
+        approach: The approach of a winged vehicle; None if it is not planned. The highest approach
+            is then assumed.
+        home_m: Position of home (x, y), where the flight home ends; None if it ends over the
+            approach loiter.
+        height_m: Height above home at the end of the flight home.
+        wind_m_s: Velocity of the air (x, y).
     """
     if section.kind == "copter":
-        return copter_descent_s(height_m)
-    approach_m = APPROACH_HEIGHTS_M[-1] if approach is None else approach.height_m
-    line_m = glide_m(approach_m) if approach is None else approach.length_m
+        return WAITS_S[section.stack] + copter_descent_s(height_m)
+    line_m = vtol_leg_m(section) if section.kind == "vtol" else glide_m(APPROACH_HEIGHTS_M[-1])
+    to_loiter_m, approach_m = (line_m, 0.0), APPROACH_HEIGHTS_M[-1]
+    if approach is not None:
+        line_m, approach_m = approach.length_m, approach.height_m
+        centre_m, end_m = approach.centre_m, home_m or (0.0, 0.0)
+        to_loiter_m = (float(centre_m[0]) - end_m[0], float(centre_m[1]) - end_m[1])
+    to_loiter_s = 0.0 if home_m is None else _straight_s(section, to_loiter_m, wind_m_s)
     circle_s = math.tau * section.loiter_radius_m / section.airspeed_m_s
-    return circle_s + plane_descent_s(section, height_m, approach_m, line_m, wind_m_s)
+    headwind_m_s = math.hypot(*wind_m_s)
+    descent_s = plane_descent_s(section, height_m, approach_m, line_m, headwind_m_s)
+    return to_loiter_s + circle_s + descent_s
+
+
+def _straight_s(section: VehicleSection, to_m: Vector, wind_m_s: Vector) -> float:
+    """Return the seconds of a straight flight along a vector (x, y); crosswind is ignored."""
+    distance_m = math.hypot(*to_m)
+    tailwind_m_s = (wind_m_s[0] * to_m[0] + wind_m_s[1] * to_m[1]) / max(distance_m, 1.0)
+    return distance_m / max(section.airspeed_m_s + tailwind_m_s, MIN_GLIDE_M_S)
 
 
 def plane_descent_s(
@@ -68,7 +92,8 @@ def _approach_m_s(section: VehicleSection, headwind_m_s: float) -> float:
     if section.kind == "vtol":
         return max(section.airspeed_m_s - headwind_m_s, MIN_GLIDE_M_S)
     if section.stack == "px4":
-        return px4_glide_airspeed_m_s(section, headwind_m_s) - headwind_m_s
+        glide_m_s = px4_glide_airspeed_m_s(section, headwind_m_s)
+        return max(glide_m_s - headwind_m_s, MIN_GLIDE_M_S)
     airspeed_m_s = (section.airspeed_m_s + section.min_airspeed_m_s) / 2.0
     return max(airspeed_m_s - headwind_m_s, MIN_GLIDE_M_S)
 

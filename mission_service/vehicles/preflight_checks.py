@@ -13,9 +13,13 @@ from typing import NamedTuple
 
 from mission_service.commands import CheckState, PreflightCheck
 from mission_service.config.sections import VehicleSection
-from mission_service.vehicles.endurance import expected_performance, outbound_s, return_s
+from mission_service.vehicles.endurance import (
+    expected_performance,
+    landing_after_return_s,
+    outbound_s,
+    return_s,
+)
 from mission_service.vehicles.energy import times_left
-from mission_service.vehicles.landing_time import landing_s
 from mission_service.vehicles.vehicle_state import MissionPhase, Vehicle
 from mission_service.vehicles.way_home import Vector
 
@@ -46,6 +50,7 @@ class Departure:
         at_s: Mission time.
         wind_m_s: Velocity of the air (x, y) on the map.
         return_height_m: Return height above home.
+        arrival_height_m: Greatest height above home at the end of a return from the mission.
         ground_amsl_m: Elevation of the terrain at the vehicle; None if it is unknown.
         airspace: The closed airspace that the takeoff or the mission on board would enter, or "".
         has_surveillance: Whether the run receives other aircraft.
@@ -59,6 +64,7 @@ class Departure:
     at_s: float
     wind_m_s: Vector
     return_height_m: float
+    arrival_height_m: float
     ground_amsl_m: float | None
     airspace: str = ""
     has_surveillance: bool = False
@@ -122,9 +128,7 @@ def _battery(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
     reserve = f"the reserve is {section.battery_reserve_pct:.0f} %"
     if level_pct is not None and level_pct <= section.battery_reserve_pct:
         return PreflightCheck(BATTERY, "fail", f"{level}, {reserve}: replace the battery")
-    arrives_m = max(departure.return_height_m, section.altitude_agl_m)
-    approach = vehicle.landing.approach_at(at_s)
-    lands_s = landing_s(section, approach, arrives_m, math.hypot(*departure.wind_m_s))
+    lands_s = landing_after_return_s(vehicle, departure.arrival_height_m, departure.wind_m_s, at_s)
     times = times_left(section, vehicle.battery, 0.0, lands_s, at_s)
     if not times:
         if level_pct is None:

@@ -111,6 +111,14 @@ def test_a_jump_counts_from_the_expected_time_and_not_from_the_latest_one() -> N
     assert clock.judge(jumped_us, now_us) == "ahead"
 
 
+def test_a_jump_back_in_the_first_second_of_a_fast_simulation_is_one() -> None:
+    clock = BootClock()
+    now_us = stream(clock, 20.0, 0.6, every_s=0.1)
+    jumped_us = round(20.0 * now_us) - 8 * SECOND
+    assert clock.ahead_us(jumped_us, now_us) < 0
+    assert clock.judge(jumped_us, now_us) == "back"
+
+
 @pytest.mark.parametrize("every_s", [0.1, 0.25, 1.0])
 def test_a_restart_is_one_when_all_goes_on_from_zero(every_s: float) -> None:
     clock = BootClock()

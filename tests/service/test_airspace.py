@@ -318,6 +318,15 @@ def test_a_turn_may_begin_earlier_or_be_tighter(land: Landscape) -> None:
     assert airspace.conflict([turn_area(positions)], land) is not None
 
 
+def test_the_altitude_limit_does_not_apply_beside_the_expected_path(land: Landscape) -> None:
+    x_m, y_m = land.xy_of_lat_lon(*FIRE)
+    high_m = float(land.elevation_at(x_m, y_m)) + 500.0
+    positions = [(x_m + east, y_m + north, high_m) for east, north in ((0, 0), (90, 0), (90, 400))]
+    airspace = Airspace((), Margins(0.0, 0.0), max_altitude_agl_m=120.0)
+    assert airspace.conflict(path_parts(positions), land) is not None
+    assert airspace.conflict([turn_area(positions)], land) is None
+
+
 def test_the_altitude_limit_counts_from_the_lowest_ground_below(land: Landscape) -> None:
     x_m, y_m = land.xy_of_lat_lon(*FIRE)
     airspace = Airspace((), Margins(0.0, 0.0), max_altitude_agl_m=120.0)

@@ -127,10 +127,10 @@ def test_the_landing_is_planned_again_when_a_volume_closes_or_opens(land: Landsc
 
 def test_without_a_free_approach_the_nearest_to_the_wind_remains(land: Landscape) -> None:
     section = load_scenario("demo").vehicles[0]
-    free = approach_of(section, land, 240.0)
+    free = approach_of(section, land, (4.0, 240.0))
     home_m = land.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     closed = shapely.Point(home_m).buffer(50.0)
-    all_closed = approach_of(section, land, 240.0, closed)
+    all_closed = approach_of(section, land, (4.0, 240.0), closed)
     assert all_closed.course_deg == free.course_deg
     assert all_closed.height_m == free.height_m
 
