@@ -180,9 +180,12 @@ class Body:
         along_m_s = self.wind.north_m_s * north + self.wind.east_m_s * east
         if self.stack.name != "px4":
             return -SHORT_S * abs(along_m_s)
-        over_ground_m_s = max(self.limits.min_airspeed_m_s + along_m_s, MIN_GROUND_SPEED_M_S)
-        slows_by_m_s = self.limits.airspeed_m_s - (over_ground_m_s - along_m_s)
-        slowing_m = SLOWING_S * min(max(slows_by_m_s, 0.0), MAX_SLOWING_M_S)
+        across_m_s = self.wind.north_m_s * east - self.wind.east_m_s * north
+        needed_m_s = math.hypot(max(MIN_GROUND_SPEED_M_S - along_m_s, 0.0), across_m_s)
+        airspeed_m_s = max(self.limits.min_airspeed_m_s, needed_m_s)
+        over_ground_m_s = math.sqrt(airspeed_m_s**2 - across_m_s**2) + along_m_s
+        slows_by_m_s = max(self.limits.airspeed_m_s - airspeed_m_s, 0.0)
+        slowing_m = SLOWING_S * min(slows_by_m_s, MAX_SLOWING_M_S)
         return max(BEYOND_S * over_ground_m_s + slowing_m + BEYOND_M, 0.0)
 
     def climb(self, place: Place, altitude_m: float) -> bool:

@@ -25,6 +25,8 @@ from mission_service.vehicles.availability import (
     VehicleAvailability,
 )
 
+STANDS_M_S = 1.0  # a slower vehicle stands on the ground
+
 
 class DecisionEngine:
     """The part of the core that updates availability and runs the planners."""
@@ -262,6 +264,9 @@ class DecisionEngine:
         availability.fix = PositionFix(
             at_s, row, col, x_m, y_m, telemetry.altitude_amsl_m, *velocity
         )
+        stands = not (availability.armed or availability.airborne) and availability.position_good
+        if stands and math.hypot(*velocity) < STANDS_M_S:
+            availability.ground.add(telemetry.altitude_amsl_m, at_s)
         # Home may lie on a hill, so a vehicle counts as airborne from takeoff until it is disarmed.
         flies = telemetry.altitude_relative_m >= self._airborne_m or availability.restarted_in_air
         if flies and not availability.airborne:

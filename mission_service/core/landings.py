@@ -31,6 +31,7 @@ from mission_service.missions.landing_mission import LandingMission, landing_mis
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import GOING_HOME, MISSION, named_mode
 from mission_service.vehicles.endurance import must_return
+from mission_service.vehicles.home_altitude import corrected
 from mission_service.vehicles.landing_state import LIMITS_S, LandingPhase
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
@@ -414,7 +415,8 @@ class Landings:
         min_at = self.traffic.min_altitudes(vehicle.name)
         place = (fix.x_m, fix.y_m)
         closed = vehicle.landing.closed
-        return landing_mission(vehicle.section, self.landscape, wind, place, min_at, closed)
+        mission = landing_mission(vehicle.section, self.landscape, wind, place, min_at, closed)
+        return mission._replace(items=corrected(mission.items, vehicle))
 
     def _fly(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Start the mission on board, unless the vehicle is already flying it."""

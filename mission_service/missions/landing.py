@@ -169,22 +169,34 @@ def landing_in_wind(
     )
 
 
-def _beyond_m(section: VehicleSection, headwind_m_s: float) -> float:
+def _beyond_m(section: VehicleSection, headwind_m_s: float, crosswind_m_s: float) -> float:
     """Return how far beyond the NAV_LAND point a plane comes to rest; negative if short of it."""
     if section.kind == "vtol":
         return 0.0
     if section.stack != "px4":
         return -ARDUPLANE_SHORT_S * abs(headwind_m_s)
-    glide_m_s = px4_glide_airspeed_m_s(section, headwind_m_s)
-    over_ground_m = PX4_BEYOND_S * (glide_m_s - headwind_m_s)
-    slows_by_m_s = min(max(section.airspeed_m_s - glide_m_s, 0.0), PX4_MAX_SLOWING_M_S)
-    return max(over_ground_m + PX4_SLOWING_S * slows_by_m_s + PX4_BEYOND_M, 0.0)
+    speeds = px4_approach_speeds(section, headwind_m_s, crosswind_m_s)
+    slows_by_m_s = max(section.airspeed_m_s - speeds.airspeed_m_s, 0.0)
+    slowing_m = PX4_SLOWING_S * min(slows_by_m_s, PX4_MAX_SLOWING_M_S)
+    return max(PX4_BEYOND_S * speeds.ground_speed_m_s + slowing_m + PX4_BEYOND_M, 0.0)
 
 
-def px4_glide_airspeed_m_s(section: VehicleSection, headwind_m_s: float) -> float:
-    """Return the airspeed of a PX4 plane on its approach."""
-    needed_m_s = max(section.min_airspeed_m_s, PX4_MIN_GROUND_SPEED_M_S + headwind_m_s)
-    return min(needed_m_s, section.max_airspeed_m_s)
+class ApproachSpeeds(NamedTuple):
+    """The airspeed and the ground speed of an approach."""
+
+    airspeed_m_s: float
+    ground_speed_m_s: float
+
+
+def px4_approach_speeds(
+    section: VehicleSection, headwind_m_s: float, crosswind_m_s: float = 0.0
+) -> ApproachSpeeds:
+    """Return the speeds at which a PX4 plane flies its approach."""
+    ahead_m_s = max(PX4_MIN_GROUND_SPEED_M_S + headwind_m_s, 0.0)
+    needed_m_s = max(section.min_airspeed_m_s, math.hypot(ahead_m_s, crosswind_m_s))
+    airspeed_m_s = min(needed_m_s, section.max_airspeed_m_s)
+    along_m_s = math.sqrt(max(airspeed_m_s**2 - crosswind_m_s**2, 0.0))
+    return ApproachSpeeds(airspeed_m_s, max(along_m_s - headwind_m_s, 0.0))
 
 
 def approach_of(
@@ -210,8 +222,9 @@ def approach_of(
     vtol = section.kind == "vtol"
     entering: Approach | None = None
     for course_deg in courses:
-        headwind_m_s = wind_m_s * math.cos(math.radians(course_deg - wind_from_deg))
-        landing_m = home_m - _beyond_m(section, headwind_m_s) * forward_of(course_deg)
+        off_wind_rad = math.radians(course_deg - wind_from_deg)
+        ahead_m_s, across_m_s = wind_m_s * math.cos(off_wind_rad), wind_m_s * math.sin(off_wind_rad)
+        landing_m = home_m - _beyond_m(section, ahead_m_s, across_m_s) * forward_of(course_deg)
         for height_m in VTOL_HEIGHTS_M if vtol else APPROACH_HEIGHTS_M:
             length_m = vtol_leg_m(section) if vtol else glide_m(height_m)
             centre_m = loiter_beside(landing_m, course_deg, -length_m, section.loiter_radius_m)

@@ -22,6 +22,7 @@ from mission_service.commands import (
 )
 from mission_service.events import Order
 from mission_service.position_fix import PositionFix
+from mission_service.vehicles.ground_altitude import GroundAltitude
 
 AIRBORNE_M = 15.0
 GOING_HOME = ("return", "land", "qrtl", "qland")  # modes, by the bridge's names
@@ -101,6 +102,7 @@ class VehicleAvailability:
     fix_good: bool = True
     estimator_healthy: bool = True
     fix: PositionFix | None = None
+    ground: GroundAltitude = field(default_factory=GroundAltitude)
     expected_until_s: dict[type[AnyCommand], float] = field(default_factory=dict)
     unacknowledged: dict[type[AnyCommand], int] = field(default_factory=dict)  # number by kind
 

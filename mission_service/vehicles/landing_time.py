@@ -7,7 +7,7 @@ from mission_service.missions.landing import (
     APPROACH_HEIGHTS_M,
     Approach,
     glide_m,
-    px4_glide_airspeed_m_s,
+    px4_approach_speeds,
     vtol_leg_m,
 )
 from mission_service.vehicles.way_home import Vector
@@ -92,8 +92,7 @@ def _approach_m_s(section: VehicleSection, headwind_m_s: float) -> float:
     if section.kind == "vtol":
         return max(section.airspeed_m_s - headwind_m_s, MIN_GLIDE_M_S)
     if section.stack == "px4":
-        glide_m_s = px4_glide_airspeed_m_s(section, headwind_m_s)
-        return max(glide_m_s - headwind_m_s, MIN_GLIDE_M_S)
+        return max(px4_approach_speeds(section, headwind_m_s).ground_speed_m_s, MIN_GLIDE_M_S)
     airspeed_m_s = (section.airspeed_m_s + section.min_airspeed_m_s) / 2.0
     return max(airspeed_m_s - headwind_m_s, MIN_GLIDE_M_S)
 

@@ -63,6 +63,7 @@ from mission_service.missions.orbits import (
 from mission_service.peer_messages import AnyMessage
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.first_climb import with_first_climb
+from mission_service.vehicles.home_altitude import landing_items
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M, TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -240,10 +241,8 @@ class FormationFlight(Guidance):
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         state.sending = circle
         if not vehicle.availability.airborne:
-            return first_mission(
-                self.landscape, circle, section, vehicle.landing.items_at(fix.at_s)
-            )
-        landing = vehicle.landing.items_at(fix.at_s)
+            return first_mission(self.landscape, circle, section, landing_items(vehicle, fix.at_s))
+        landing = landing_items(vehicle, fix.at_s)
         if len(path_m) > 2:
             here_m = (fix.x_m, fix.y_m)
             found = mission_along(
@@ -275,7 +274,7 @@ class FormationFlight(Guidance):
             if near or fix.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
                 return []
         state.sending = circle
-        landing = vehicle.landing.items_at(fix.at_s)
+        landing = landing_items(vehicle, fix.at_s)
         items = loiter_mission(self.landscape, circle, state.altitude_m, landing)
         why = "settled: loiter on this circle" if settled else "loiter on a circle nearby"
         path_m = np.array([circle.centre_m])

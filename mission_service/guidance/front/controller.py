@@ -37,6 +37,7 @@ from mission_service.missions.first_mission import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.first_climb import with_first_climb
+from mission_service.vehicles.home_altitude import landing_items
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -263,7 +264,7 @@ class FrontFlight(Guidance):
             vehicle.section,
             self.landscape,
             from_ground=not flies,
-            landing=vehicle.landing.items_at(fix.at_s),
+            landing=landing_items(vehicle, fix.at_s),
             min_at=self.traffic.min_altitudes(vehicle.name),
             start_m=(fix.x_m, fix.y_m) if flies else None,
         )
