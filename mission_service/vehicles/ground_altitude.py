@@ -13,8 +13,8 @@ class GroundAltitude:
     count: int = 0
     at_s: float = 0.0
 
-    def add(self, amsl_m: float, at_s: float) -> None:
-        """Add a reported altitude; reports older than ``MEAN_OVER_S`` lose their weight."""
+    def include(self, amsl_m: float, at_s: float) -> None:
+        """Include a reported altitude; reports older than ``MEAN_OVER_S`` lose their weight."""
         since_s, self.at_s = at_s - self.at_s, at_s
         if self.amsl_m is None or not 0.0 <= since_s <= MEAN_OVER_S:
             self.amsl_m, self.count = amsl_m, 1

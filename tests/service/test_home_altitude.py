@@ -99,9 +99,9 @@ def test_the_landing_at_the_end_of_a_mission_is_corrected(land: Landscape) -> No
 def test_old_altitudes_lose_their_weight() -> None:
     ground = GroundAltitude()
     for at_s in range(300):
-        ground.add(300.0, float(at_s))
+        ground.include(300.0, float(at_s))
     for at_s in range(300, 600):
-        ground.add(310.0, float(at_s))
+        ground.include(310.0, float(at_s))
     assert ground.amsl_m == pytest.approx(310.0, abs=0.1)
-    ground.add(500.0, 2000.0)  # after a gap
+    ground.include(500.0, 2000.0)  # after a gap
     assert ground.amsl_m == 500.0
