@@ -17,6 +17,7 @@ A violation is
 The last four concern only vehicles that the service can lead (lines ``Led`` of light worlds).
 """
 
+import itertools
 import math
 from collections.abc import Iterator
 
@@ -39,6 +40,9 @@ STANDS_M = 1.0  # below this height above home or ground a vehicle may stand the
 MIN_HEIGHT_M = 15.0
 FREE_M = 350.0  # a vehicle farther from a volume that closes has the time to turn away
 REACTS_S = 20.0  # report, upload (up to 3 s), start, and the way ahead meanwhile
+WIDER_TURN = 1.5  # the flown turn compared with the turn radius
+EITHER_SIDE = math.radians(100.0)
+TURN_STEPS, UPLOAD_S = 24, 3.0
 SLOWER = 1.3  # the flown way out compared with the straight one
 BEARINGS = 24
 HOLD_RADII = 2.6  # a hold reaches this multiple of the loiter's radius
@@ -214,11 +218,41 @@ class Checker:
             end = (here[0] + away_m * ahead[0], here[1] + away_m * ahead[1])
             if any(each.leg_off_m(here, end) < self.rules.margin_m + ROUNDING_M for each in others):
                 continue
+            if kind.plane and self._turns_into(flown, kind, bearing, others):
+                continue
             speed_m_s = self._ground_speed_m_s(kind, ahead)
             if speed_m_s > 1.0:
                 best_s = min(best_s, away_m / speed_m_s)
-        turn_s = math.pi * 1.5 * kind.turn_radius_m / kind.airspeed_m_s if kind.plane else 3.0
+        turn_s = (
+            math.pi * WIDER_TURN * kind.turn_radius_m / kind.airspeed_m_s if kind.plane else 3.0
+        )
         return REACTS_S + turn_s + SLOWER * best_s
+
+    def _turns_into(self, flown: Flown, kind: Kind, bearing: float, others: list[Closed]) -> bool:
+        """Return whether a plane's turn to a course may lead through another volume.
+
+        The turn begins at once or after an upload. The autopilot may turn to either side towards a
+        course that is nearly behind the plane.
+        """
+        assert flown.position is not None
+        course, radius_m = math.atan2(*flown.velocity_m_s), WIDER_TURN * kind.turn_radius_m
+        turn = (bearing - course + math.pi) % math.tau - math.pi
+        sides = (1.0, -1.0) if abs(turn) > EITHER_SIDE else (math.copysign(1.0, turn),)
+        for side, after_s in itertools.product(sides, (0.0, UPLOAD_S)):
+            east_m = flown.position[0] + after_s * flown.velocity_m_s[0]
+            north_m = flown.position[1] + after_s * flown.velocity_m_s[1]
+            east_m += side * radius_m * math.cos(course)
+            north_m -= side * radius_m * math.sin(course)
+            angle = side * turn % math.tau
+            for step in range(TURN_STEPS + 1):
+                heading = course + side * angle * step / TURN_STEPS
+                place = (
+                    east_m - side * radius_m * math.cos(heading),
+                    north_m + side * radius_m * math.sin(heading),
+                )
+                if any(each.covers(place) for each in others):
+                    return True
+        return False
 
     def _free_after_m(self, here: Place, ahead: Place, beyond_m: float) -> float | None:
         """Return how far ahead a place is ``beyond_m`` from all volumes; None within 3 km."""

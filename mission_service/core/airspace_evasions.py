@@ -32,6 +32,7 @@ from mission_service.missions.climb import without_climb
 from mission_service.missions.orbits import highest_ground_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState, Evasion
+from mission_service.vehicles.endurance import air_velocity_m_s, to_place_s
 from mission_service.vehicles.first_climb import fastest_m_s
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.vehicle_state import Vehicle
@@ -74,7 +75,8 @@ class Evasions:
         # If there is no other way out, a plane may fly towards rising ground, or enter another
         # volume during its turn, and a multirotor may climb first.
         found, drawbacks = None, (True, True)
-        for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
+        exits = exits_from((fix.x_m, fix.y_m), blocked, beyond_m)
+        for place in sorted(exits, key=lambda each: self._flight_s(vehicle, fix, each)):
             path = np.array([(fix.x_m, fix.y_m), place])
             planned = self._straight_off(vehicle, path, fix)
             items = without_climb(planned)
@@ -91,6 +93,13 @@ class Evasions:
             if drawbacks == (False, False):
                 break
         return None if found is None else self._exit(vehicle, *found, fix, state)
+
+    def _flight_s(self, vehicle: Vehicle, fix: PositionFix, place: tuple[float, float]) -> float:
+        """Return the duration of the flight to a place in the measured wind."""
+        wind = vehicle.availability.measured_wind
+        speed_m_s, from_deg = (0.0, 0.0) if wind is None else (wind.speed_m_s, wind.from_deg)
+        air_m_s = air_velocity_m_s(self._landscape, speed_m_s, from_deg)
+        return to_place_s(vehicle, fix, place, air_m_s)
 
     def _exit(
         self,

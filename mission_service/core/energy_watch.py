@@ -21,6 +21,7 @@ from mission_service.vehicles.availability import (
     named_mode,
 )
 from mission_service.vehicles.endurance import (
+    air_velocity_m_s,
     home_s,
     landing_after_return_s,
     usual_return_height_m,
@@ -127,8 +128,7 @@ class EnergyWatch:
         else:
             entry = self._weather.weather_at(at_s)
             speed_m_s, from_deg = entry.wind_speed_m_s, entry.wind_from_deg
-        toward_rad = math.radians(self._landscape.grid_deg(from_deg + 180.0))
-        return speed_m_s * math.sin(toward_rad), speed_m_s * math.cos(toward_rad)
+        return air_velocity_m_s(self._landscape, speed_m_s, from_deg)
 
 
 def _report(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:

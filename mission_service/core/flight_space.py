@@ -15,10 +15,12 @@ from mission_service.airspace.occupied_space import (
     Part,
     Position,
     approach_part,
+    at_both_altitudes,
     corner_parts,
     disc,
     held_turn,
     landing_places,
+    late_places,
     mission_parts,
     mission_places,
     path_parts,
@@ -33,6 +35,7 @@ from mission_service.missions.landing import APPROACH_HEIGHTS_M, glide_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState
 from mission_service.vehicles.availability import AIRBORNE_M, GOING_HOME, MISSION
+from mission_service.vehicles.first_climb import fastest_m_s
 from mission_service.vehicles.vehicle_state import Vehicle
 
 HOLDS_FOR_UPLOAD_S = 3.0  # until a vehicle that holds for an upload continues
@@ -82,11 +85,11 @@ class FlightSpace:
     def of_mission(self, vehicle: Vehicle, places: Sequence[MissionPlace]) -> list[Part]:
         """Return the space of a mission that would begin now."""
         radius_m = turn_radius_m(vehicle)
-        parts = turning_parts(places, radius_m)
         fix = vehicle.availability.fix
         if fix is None or not vehicle.availability.airborne or not places:
-            return parts + mission_parts(places)
-        parts += mission_parts(places, [position_of(fix)])[1:]  # it begins with a turn (see below)
+            return turning_parts(places, radius_m) + mission_parts(places)
+        legs, turns = _mission_space(vehicle, fix, places, places)
+        parts = turns + legs[1:]  # it begins with a turn (see below)
         here = (fix.x_m, fix.y_m)
         positions = [place.position for place in places]
         away = [each for each in positions if math.dist(each[:2], here) > 1.0] or positions[-1:]
@@ -107,8 +110,10 @@ class FlightSpace:
                 return []
             seq = vehicle.current_seq
             left = [place for place in state.on_board if place.seq >= seq]
-            straight_on = mission_parts(left or state.on_board[-1:], [position_of(fix)])
-            return straight_on + turning_parts(state.on_board, turn_radius_m(vehicle), seq)
+            legs, turns = _mission_space(
+                vehicle, fix, left or state.on_board[-1:], state.on_board, seq
+            )
+            return legs + turns
         if mode in GOING_HOME:
             return self.of_return(vehicle, fix, state)
         if mode in ("guided", "orbit") and state.orbit is not None:
@@ -222,6 +227,30 @@ class FlightSpace:
 def _return_landing(vehicle: Vehicle, state: AirspaceState) -> tuple[MissionPlace, ...]:
     """Return the positions of the landing to which a return leads; empty if it leads home."""
     return state.landing if vehicle.return_flight.to_landing else ()
+
+
+def _mission_space(
+    vehicle: Vehicle,
+    fix: PositionFix,
+    left: Sequence[MissionPlace],
+    places: Sequence[MissionPlace],
+    from_seq: int = 0,
+) -> tuple[list[Part], list[Part]]:
+    """Return the space of the legs through the places left, and of the turns after ``from_seq``.
+
+    A plane that climbs or descends on its way may reach the altitudes of the places late.
+    """
+    start, radius_m = position_of(fix), turn_radius_m(vehicle)
+    legs, turns = mission_parts(left, [start]), turning_parts(places, radius_m, from_seq)
+    if not vehicle.section.winged:
+        return legs, turns
+    gradient = vehicle.section.climb_m_s / fastest_m_s(vehicle)
+    late = late_places(left, start, gradient)
+    before = [place for place in places if place.seq < late[0].seq]
+    late_turns = turning_parts([*before, *late], radius_m, from_seq)
+    return at_both_altitudes(legs, mission_parts(late, [start])), at_both_altitudes(
+        turns, late_turns
+    )
 
 
 def turn_radius_m(vehicle: Vehicle) -> float:

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
@@ -12,6 +11,7 @@ from mission_service.fire.scenario_fire import weather_of
 from mission_service.missions.landing import Landing
 from mission_service.relief.watch import NEVER_S, WatchAircraft
 from mission_service.vehicles.endurance import (
+    air_velocity_m_s,
     outbound_s,
     planned_performance,
     return_s,
@@ -63,13 +63,10 @@ def _winds(scenario: Scenario, landscape: Landscape, duration_s: float) -> Itera
     """Yield the velocities of the air (x, y) on the map during the watch."""
     weather, start_s = weather_of(scenario), scenario.first_flight_s
     entries = [each for each in weather.entries if start_s < each.at_s < start_s + duration_s]
-    return (_wind(each, landscape) for each in [weather.weather_at(start_s), *entries])
-
-
-def _wind(entry: Weather, landscape: Landscape) -> Vector:
-    toward_rad = math.radians(landscape.grid_deg(entry.wind_from_deg + 180.0))
-    speed_m_s = entry.wind_speed_m_s
-    return speed_m_s * math.sin(toward_rad), speed_m_s * math.cos(toward_rad)
+    return (
+        air_velocity_m_s(landscape, each.wind_speed_m_s, each.wind_from_deg)
+        for each in [weather.weather_at(start_s), *entries]
+    )
 
 
 def time_to_task_s(

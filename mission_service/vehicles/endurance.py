@@ -8,6 +8,7 @@ from autopilot_bridge.stacks.return_flight import (
     PX4_CLIMB_ENDS_BELOW_M,
     true_airspeed_factor,
 )
+from firemodel.landscape.landscape import Landscape
 from mission_service.config.sections import VehicleSection
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
@@ -25,6 +26,12 @@ ACCELERATION_M_S2 = 2.5  # of a copter whose parameters were not read
 PX4_CLIMB_BEGINS_S = 2.5  # until PX4 planes climb at full rate, measured in the simulator (SIH)
 GRAVITY_M_S2 = 9.80665
 MIN_SPEED_M_S = 1.0  # the heading of a slower vehicle is unknown
+
+
+def air_velocity_m_s(landscape: Landscape, speed_m_s: float, from_deg: float) -> Vector:
+    """Return the velocity of the air (x, y) on the map; the wind blows from ``from_deg``."""
+    toward_rad = math.radians(landscape.grid_deg(from_deg + 180.0))
+    return speed_m_s * math.sin(toward_rad), speed_m_s * math.cos(toward_rad)
 
 
 def must_return(vehicle: Vehicle) -> bool:
@@ -100,6 +107,21 @@ def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: 
     performance = expected_performance(vehicle, fix.altitude_m)
     over_ground_m_s = (fix.east_m_s, fix.north_m_s)
     return return_s(vehicle.section, performance, home_m, over_ground_m_s, wind_m_s, climb_m)
+
+
+def to_place_s(vehicle: Vehicle, fix: PositionFix, to_m: Vector, wind_m_s: Vector) -> float:
+    """Return the duration (s) of a flight to a position at the vehicle's airspeed; may be infinite.
+
+    ``wind_m_s`` is the velocity of the air, x, y.
+    """
+    section = vehicle.section
+    place_m = (to_m[0] - fix.x_m, to_m[1] - fix.y_m)
+    if section.kind == "copter":
+        fastest_m_s = max(section.max_airspeed_m_s, section.airspeed_m_s)
+        return copter_home_s(place_m, wind_m_s, section.airspeed_m_s, fastest_m_s)
+    heading = (fix.east_m_s - wind_m_s[0], fix.north_m_s - wind_m_s[1])
+    radius_m = section.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
+    return plane_home_s(place_m, heading, wind_m_s, section.airspeed_m_s, radius_m)
 
 
 def _landing_of_return_m(vehicle: Vehicle, at_s: float) -> Vector | None:

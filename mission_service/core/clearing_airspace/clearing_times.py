@@ -9,10 +9,10 @@ from mission_service.core.landings import FIELD_M
 from mission_service.missions.landing import glide_m
 from mission_service.missions.landing_mission import LandingMission
 from mission_service.position_fix import PositionFix
-from mission_service.vehicles.endurance import MIN_SPEED_M_S, home_s
+from mission_service.vehicles.endurance import home_s, to_place_s
 from mission_service.vehicles.landing_time import copter_descent_s, plane_descent_s
 from mission_service.vehicles.vehicle_state import Vehicle
-from mission_service.vehicles.way_home import Vector, copter_home_s, plane_home_s
+from mission_service.vehicles.way_home import Vector
 
 FACTOR, MARGIN_S = 1.15, 30.0  # the stated time allows for this prediction error
 TAKES_EFFECT_S = 5.0  # until a vehicle flies a mission sent now
@@ -22,21 +22,6 @@ DISARMS_S = 10.0  # from touchdown to disarm
 def out_by_s(at_s: float, expected_at_s: float) -> float:
     """Return the time by which a vehicle should be out, from the predicted time."""
     return at_s + FACTOR * (expected_at_s - at_s) + MARGIN_S
-
-
-def to_place_s(vehicle: Vehicle, fix: PositionFix, to_m: Vector, wind_m_s: Vector) -> float:
-    """Return the duration (s) of a flight to a position at the vehicle's airspeed; may be infinite.
-
-    ``wind_m_s`` is the velocity of the air, x, y.
-    """
-    section = vehicle.section
-    place_m = (to_m[0] - fix.x_m, to_m[1] - fix.y_m)
-    if section.kind == "copter":
-        fastest_m_s = max(section.max_airspeed_m_s, section.airspeed_m_s)
-        return copter_home_s(place_m, wind_m_s, section.airspeed_m_s, fastest_m_s)
-    heading = (fix.east_m_s - wind_m_s[0], fix.north_m_s - wind_m_s[1])
-    radius_m = section.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
-    return plane_home_s(place_m, heading, wind_m_s, section.airspeed_m_s, radius_m)
 
 
 def exit_s(
