@@ -183,7 +183,9 @@ class Body:
         across_m_s = self.wind.north_m_s * east - self.wind.east_m_s * north
         needed_m_s = math.hypot(max(MIN_GROUND_SPEED_M_S - along_m_s, 0.0), across_m_s)
         airspeed_m_s = max(self.limits.min_airspeed_m_s, needed_m_s)
-        over_ground_m_s = math.sqrt(airspeed_m_s**2 - across_m_s**2) + along_m_s
+        airspeed_m_s = min(airspeed_m_s, self.limits.max_airspeed_m_s)
+        ahead_m_s = math.sqrt(max(airspeed_m_s**2 - across_m_s**2, 0.0))
+        over_ground_m_s = max(ahead_m_s + along_m_s, 0.0)
         slows_by_m_s = max(self.limits.airspeed_m_s - airspeed_m_s, 0.0)
         slowing_m = SLOWING_S * min(slows_by_m_s, MAX_SLOWING_M_S)
         return max(BEYOND_S * over_ground_m_s + slowing_m + BEYOND_M, 0.0)

@@ -29,6 +29,7 @@ from benchmarks.worlds.rules import (
     Flown,
     Kind,
     Line,
+    Position,
     Rules,
     Visit,
     corners_of,
@@ -208,7 +209,7 @@ class Checker:
             if each is not volume and each.counts(self._at_s) and not each.covers(here)
         ]
         beyond_m = self.rules.margin_m + 1.3 * kind.loiter_radius_m + 30.0
-        best_s = math.inf
+        best_s = straight_s = math.inf
         for number in range(BEARINGS):
             bearing = math.tau * number / BEARINGS
             ahead = (math.sin(bearing), math.cos(bearing))
@@ -218,11 +219,14 @@ class Checker:
             end = (here[0] + away_m * ahead[0], here[1] + away_m * ahead[1])
             if any(each.leg_off_m(here, end) < self.rules.margin_m + ROUNDING_M for each in others):
                 continue
-            if kind.plane and self._turns_into(flown, kind, bearing, others):
-                continue
             speed_m_s = self._ground_speed_m_s(kind, ahead)
-            if speed_m_s > 1.0:
+            if speed_m_s <= 1.0:
+                continue
+            straight_s = min(straight_s, away_m / speed_m_s)
+            if not (kind.plane and self._turns_into(flown, kind, bearing, others)):
                 best_s = min(best_s, away_m / speed_m_s)
+        if math.isinf(best_s):  # each turn may lead through another volume
+            best_s = 2.0 * straight_s
         turn_s = (
             math.pi * WIDER_TURN * kind.turn_radius_m / kind.airspeed_m_s if kind.plane else 3.0
         )
@@ -250,9 +254,16 @@ class Checker:
                     east_m - side * radius_m * math.cos(heading),
                     north_m + side * radius_m * math.sin(heading),
                 )
-                if any(each.covers(place) for each in others):
+                if any(self._is_in(each, (*place, flown.position[2])) for each in others):
                     return True
         return False
+
+    def _is_in(self, volume: Closed, position: Position) -> bool:
+        """Return whether a position is in a volume, with the vertical margin."""
+        floor_m, ceiling_m = volume.limits_m(self.rules.terrain, position[:2])
+        margin_m = self.rules.vertical_margin_m
+        level = floor_m - margin_m < position[2] < ceiling_m + margin_m
+        return level and volume.covers(position[:2])
 
     def _free_after_m(self, here: Place, ahead: Place, beyond_m: float) -> float | None:
         """Return how far ahead a place is ``beyond_m`` from all volumes; None within 3 km."""

@@ -6,7 +6,7 @@ climb. A loiter occupies its whole disc.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -227,36 +227,41 @@ def mission_parts(places: Sequence[MissionPlace], start: Sequence[Position] = ()
 
 
 def late_places(
-    places: Sequence[MissionPlace], start: Position, gradient: float
+    places: Sequence[MissionPlace], start: Position, climb: float, sink: float
 ) -> tuple[MissionPlace, ...]:
-    """Return the places of a mission with the altitudes that a plane may have reached there.
+    """Return the places of a mission with the altitudes that a plane has reached there by then.
+
+    At a loiter, the plane circles until it has reached the altitude.
 
     Args:
-        places: The positions of the mission; at a loiter, the plane circles until it has reached
-            the altitude.
+        places: The positions of the mission.
         start: Position of the plane.
-        gradient: Change of altitude per distance flown, in climbs and descents.
+        climb: Gradient of climbs: altitude per distance over the ground.
+        sink: Gradient of descents.
     """
     found: list[MissionPlace] = []
     for place in places:
         x_m, y_m, altitude_m = place.position
         if place.radius_m == 0.0:
-            within_m = gradient * math.dist(start[:2], (x_m, y_m))
-            altitude_m = min(max(altitude_m, start[2] - within_m), start[2] + within_m)
+            flown_m = math.dist(start[:2], (x_m, y_m))
+            altitude_m = max(altitude_m, start[2] - sink * flown_m)
+            altitude_m = min(altitude_m, start[2] + climb * flown_m)
         start = (x_m, y_m, altitude_m)
         found.append(place._replace(position=start))
     return tuple(found)
 
 
-def at_both_altitudes(parts: Sequence[Part], late: Sequence[Part]) -> list[Part]:
-    """Return parts that extend from the altitudes of a mission to those reached late."""
+def between_altitudes(parts: Sequence[Part], late: Sequence[Part]) -> list[Part]:
+    """Return the space between the parts of a mission and the same parts reached late."""
     return [
-        replace(
-            part,
-            lowest_m=min(part.lowest_m, other.lowest_m),
-            highest_m=max(part.highest_m, other.highest_m),
+        Part(
+            part.shape,
+            min(part.lowest_m, other.lowest_m),
+            max(part.highest_m, other.highest_m),
+            beside=True,
         )
         for part, other in zip(parts, late, strict=True)
+        if (part.lowest_m, part.highest_m) != (other.lowest_m, other.highest_m)
     ]
 
 

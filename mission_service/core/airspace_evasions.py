@@ -32,6 +32,7 @@ from mission_service.missions.climb import without_climb
 from mission_service.missions.orbits import highest_ground_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState, Evasion
+from mission_service.vehicles.availability import WIND_IS_FRESH_S
 from mission_service.vehicles.endurance import air_velocity_m_s, to_place_s
 from mission_service.vehicles.first_climb import fastest_m_s
 from mission_service.vehicles.missions_sent import MissionsSent
@@ -76,7 +77,8 @@ class Evasions:
         # volume during its turn, and a multirotor may climb first.
         found, drawbacks = None, (True, True)
         exits = exits_from((fix.x_m, fix.y_m), blocked, beyond_m)
-        for place in sorted(exits, key=lambda each: self._flight_s(vehicle, fix, each)):
+        air_m_s = self._air_velocity_m_s(vehicle, fix.at_s)
+        for place in sorted(exits, key=lambda each: to_place_s(vehicle, fix, each, air_m_s)):
             path = np.array([(fix.x_m, fix.y_m), place])
             planned = self._straight_off(vehicle, path, fix)
             items = without_climb(planned)
@@ -94,12 +96,12 @@ class Evasions:
                 break
         return None if found is None else self._exit(vehicle, *found, fix, state)
 
-    def _flight_s(self, vehicle: Vehicle, fix: PositionFix, place: tuple[float, float]) -> float:
-        """Return the duration of the flight to a place in the measured wind."""
+    def _air_velocity_m_s(self, vehicle: Vehicle, at_s: float) -> tuple[float, float]:
+        """Return the velocity of the air (x, y) as measured by a vehicle; calm if it is unknown."""
         wind = vehicle.availability.measured_wind
-        speed_m_s, from_deg = (0.0, 0.0) if wind is None else (wind.speed_m_s, wind.from_deg)
-        air_m_s = air_velocity_m_s(self._landscape, speed_m_s, from_deg)
-        return to_place_s(vehicle, fix, place, air_m_s)
+        if wind is None or at_s - wind.at_s > WIND_IS_FRESH_S:
+            return 0.0, 0.0
+        return air_velocity_m_s(self._landscape, wind.speed_m_s, wind.from_deg)
 
     def _exit(
         self,

@@ -266,7 +266,7 @@ class DecisionEngine:
         )
         stands = not (availability.armed or availability.airborne) and availability.position_good
         if stands and math.hypot(*velocity) < STANDS_M_S:
-            availability.ground.include(telemetry.altitude_amsl_m, at_s)
+            availability.ground.include((x_m, y_m), telemetry.altitude_amsl_m, at_s)
         # Home may lie on a hill, so a vehicle counts as airborne from takeoff until it is disarmed.
         flies = telemetry.altitude_relative_m >= self._airborne_m or availability.restarted_in_air
         if flies and not availability.airborne:

@@ -16,6 +16,7 @@ from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.availability import (
     GOING_HOME,
+    WIND_IS_FRESH_S,
     MeasuredWind,
     VehicleAirData,
     named_mode,
@@ -32,7 +33,6 @@ from mission_service.vehicles.way_home import Vector
 
 ENERGY, OVERDUE = "energy", "overdue"
 EVERY_S, REPORT_EVERY_S = 1.0, 10.0
-FRESH_S = 120.0  # an older measured wind is replaced by the scenario's wind
 LITTLE_S, ENOUGH_S = 180.0, 240.0  # time on task at which the alarm is raised, and cleared
 OVERDUE_AFTER_S = 15.0  # the order to return takes effect within this time
 
@@ -121,7 +121,9 @@ class EnergyWatch:
         """Return the velocity of the air (x, y) on the map, measured or from the scenario."""
         air_data = vehicle.air_data
         measured = (air_data and air_data.wind, vehicle.availability.measured_wind)
-        fresh = (each for each in measured if each is not None and at_s - each.at_s <= FRESH_S)
+        fresh = (
+            each for each in measured if each is not None and at_s - each.at_s <= WIND_IS_FRESH_S
+        )
         wind = next(fresh, None)
         if wind is not None:
             speed_m_s, from_deg = wind.speed_m_s, wind.from_deg

@@ -15,7 +15,7 @@ from mission_service.airspace.occupied_space import (
     Part,
     Position,
     approach_part,
-    at_both_altitudes,
+    between_altitudes,
     corner_parts,
     disc,
     held_turn,
@@ -46,6 +46,9 @@ COPTER_REACH_M = 20.0
 def position_of(fix: PositionFix) -> Position:
     """Return the x, y and altitude of a vehicle."""
     return fix.x_m, fix.y_m, fix.altitude_m
+
+
+SINK_M_S = 5.0  # default of FW_T_SINK_MAX and TECS_SINK_MAX
 
 
 class FlightSpace:
@@ -86,10 +89,14 @@ class FlightSpace:
         """Return the space of a mission that would begin now."""
         radius_m = turn_radius_m(vehicle)
         fix = vehicle.availability.fix
-        if fix is None or not vehicle.availability.airborne or not places:
-            return turning_parts(places, radius_m) + mission_parts(places)
-        legs, turns = _mission_space(vehicle, fix, places, places)
-        parts = turns + legs[1:]  # it begins with a turn (see below)
+        if not places:
+            return []
+        if fix is None or not vehicle.availability.airborne:
+            beyond = _late_space(vehicle, places[0].position, places[1:], places[1:])
+            return turning_parts(places, radius_m) + mission_parts(places) + beyond
+        start = position_of(fix)
+        parts = turning_parts(places, radius_m) + _late_space(vehicle, start, places, places)
+        parts += mission_parts(places, [start])[1:]  # it begins with a turn (see below)
         here = (fix.x_m, fix.y_m)
         positions = [place.position for place in places]
         away = [each for each in positions if math.dist(each[:2], here) > 1.0] or positions[-1:]
@@ -110,10 +117,11 @@ class FlightSpace:
                 return []
             seq = vehicle.current_seq
             left = [place for place in state.on_board if place.seq >= seq]
-            legs, turns = _mission_space(
-                vehicle, fix, left or state.on_board[-1:], state.on_board, seq
-            )
-            return legs + turns
+            left = left or list(state.on_board[-1:])
+            start = position_of(fix)
+            parts = mission_parts(left, [start])
+            parts += turning_parts(state.on_board, turn_radius_m(vehicle), seq)
+            return parts + _late_space(vehicle, start, left, state.on_board, seq)
         if mode in GOING_HOME:
             return self.of_return(vehicle, fix, state)
         if mode in ("guided", "orbit") and state.orbit is not None:
@@ -229,28 +237,29 @@ def _return_landing(vehicle: Vehicle, state: AirspaceState) -> tuple[MissionPlac
     return state.landing if vehicle.return_flight.to_landing else ()
 
 
-def _mission_space(
+def _late_space(
     vehicle: Vehicle,
-    fix: PositionFix,
+    start: Position,
     left: Sequence[MissionPlace],
     places: Sequence[MissionPlace],
     from_seq: int = 0,
-) -> tuple[list[Part], list[Part]]:
-    """Return the space of the legs through the places left, and of the turns after ``from_seq``.
+) -> list[Part]:
+    """Return the space of a mission if a plane reaches the altitudes of the places left late.
 
-    A plane that climbs or descends on its way may reach the altitudes of the places late.
+    ``places`` are all positions of the mission; turns before ``from_seq`` are omitted.
     """
-    start, radius_m = position_of(fix), turn_radius_m(vehicle)
-    legs, turns = mission_parts(left, [start]), turning_parts(places, radius_m, from_seq)
     if not vehicle.section.winged:
-        return legs, turns
-    gradient = vehicle.section.climb_m_s / fastest_m_s(vehicle)
-    late = late_places(left, start, gradient)
-    before = [place for place in places if place.seq < late[0].seq]
-    late_turns = turning_parts([*before, *late], radius_m, from_seq)
-    return at_both_altitudes(legs, mission_parts(late, [start])), at_both_altitudes(
-        turns, late_turns
-    )
+        return []
+    climb_m_s, fastest = vehicle.section.climb_m_s, fastest_m_s(vehicle)
+    late = late_places(left, start, climb_m_s / fastest, max(climb_m_s, SINK_M_S) / fastest)
+    if late == tuple(left):
+        return []
+    radius_m = turn_radius_m(vehicle)
+    legs, late_legs = mission_parts(left, [start]), mission_parts(late, [start])
+    all_late = [*(place for place in places if place.seq < late[0].seq), *late]
+    turns = turning_parts(places, radius_m, from_seq)
+    late_turns = turning_parts(all_late, radius_m, from_seq)
+    return between_altitudes([*legs, *turns], [*late_legs, *late_turns])
 
 
 def turn_radius_m(vehicle: Vehicle) -> float:

@@ -29,9 +29,14 @@ from mission_service.errors import ScenarioError
 from mission_service.events import CommandFinished, MissionProgress, UploadFinished
 from mission_service.missions.landing_mission import LandingMission, landing_mission
 from mission_service.position_fix import PositionFix
-from mission_service.vehicles.availability import GOING_HOME, MISSION, named_mode
+from mission_service.vehicles.availability import (
+    GOING_HOME,
+    MISSION,
+    WIND_IS_FRESH_S,
+    named_mode,
+)
 from mission_service.vehicles.endurance import must_return
-from mission_service.vehicles.home_altitude import corrected
+from mission_service.vehicles.home_altitude import corrected, home_error_m
 from mission_service.vehicles.landing_state import LIMITS_S, LandingPhase
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
@@ -39,7 +44,6 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 LANDING = "landing"  # kind of the alarm
 FIELD_M = 300.0  # homes within this distance share a field
-WIND_IS_FRESH_S = 120.0
 RETRY_S, MAX_FAILURES = 5.0, 3
 HOLD_AGAIN_S, START_AGAIN_S = 3.0, 10.0
 # The final leg begins at approach height; above this limit, another item is being flown.
@@ -404,6 +408,10 @@ class Landings:
         vehicle.landing_state.mission = mission
         path = np.array([(fix.x_m, fix.y_m), vehicle.home_m])
         why = f"land on course {mission.course_deg:.0f}"
+        error_m = home_error_m(vehicle)
+        if error_m:
+            side = "above" if error_m > 0.0 else "below"
+            why += f", {abs(error_m):.1f} m {side} the autopilot's altitude of home"
         return [self._missions.upload(vehicle, path, mission.items, fix, why, lands=True)]
 
     def mission_from(self, vehicle: Vehicle, fix: PositionFix) -> LandingMission:

@@ -55,6 +55,9 @@ def named_mode(mode: str) -> str:
     return f"mode {mode.removeprefix('mode ')}" if mode else "an unknown mode"
 
 
+WIND_IS_FRESH_S = 120.0  # an older measured wind is not used
+
+
 class MeasuredWind(NamedTuple):
     """The wind measured by a vehicle, and the direction from which it blows."""
 
