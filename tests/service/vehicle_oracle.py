@@ -12,12 +12,14 @@ from mission_service.commands import (
     Announce,
     AnyCommand,
     ChangeSpeed,
+    ClearAlarm,
     ClimbAndHold,
     GoAround,
     Hold,
     HoldAt,
     Land,
     Orbit,
+    RaiseAlarm,
     Return,
     ShowLanding,
     StartMission,
@@ -86,6 +88,7 @@ class VehicleRecord:
     estimator_healthy: bool = True
     home: bool = False  # ordered home by an operator or by the service
     held: bool = False  # held by an operator
+    low_energy: bool = False  # the core has raised the alarm
     landing: str = "none"  # phase of a landing as the core shows it
     licence: Licence = ""  # operators' orders since the last mode that was not ordered
     effects: list[Effect] = field(default_factory=list)
@@ -280,7 +283,8 @@ class Oracle:
     def _may_ask(self, record: VehicleRecord, order: Order) -> bool:
         # A failsafe that does not change the mode.
         failsafe = record.failsafe and record.mode in GOING_HOME
-        return record.armed and (record.judged != "ordered" or failsafe)
+        low_energy = record.low_energy and order in ("start", "resume")
+        return record.armed and (record.judged != "ordered" or failsafe or low_energy)
 
     def _carried_out(
         self, name: str, record: VehicleRecord, order: Order, commands: list[AnyCommand], words: str
@@ -346,6 +350,8 @@ class Oracle:
         if isinstance(command, ShowLanding):
             record.landing = command.phase
             record.held |= command.holds
+        if isinstance(command, RaiseAlarm | ClearAlarm) and command.alarm == "energy":
+            record.low_energy = isinstance(command, RaiseAlarm)
         return [Violation(kind, words)] if kind else []
 
     def _breaks(self, record: VehicleRecord, command: AnyCommand) -> str:
