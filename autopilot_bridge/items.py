@@ -1,7 +1,7 @@
 """Defines mission items as the mission protocol transmits them (MISSION_ITEM_INT)."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -89,6 +89,24 @@ def has_position(command: int) -> bool:
     """Return whether the command has a latitude and longitude; True for an unknown command."""
     entry = mavlink.enums["MAV_CMD"].get(command)
     return entry is None or bool(entry.has_location)
+
+
+def at_altitudes(
+    items: Items, frames: Container[int], altitude_of: Callable[[float], float]
+) -> Items:
+    """Return items with other altitudes.
+
+    Args:
+        items: The items of a mission.
+        frames: The MAV_FRAMEs of the items that are changed; items without a position are not.
+        altitude_of: Returns the new altitude in metres for the present one.
+    """
+    return tuple(
+        replace(item, z=altitude_of(item.z))
+        if item.frame in frames and has_position(item.command)
+        else item
+        for item in items
+    )
 
 
 def has_degrees(item: "MissionItem") -> bool:

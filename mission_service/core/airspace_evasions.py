@@ -1,7 +1,7 @@
 """Plans flights that keep vehicles out of closed airspace: around it, out of it, or a hold."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.ops import substring
 
-from autopilot_bridge.items import AMSL_FRAMES, Items, has_position, waypoint
+from autopilot_bridge.items import AMSL_FRAMES, Items, at_altitudes, waypoint
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
@@ -32,7 +32,6 @@ from mission_service.missions.climb import without_climb
 from mission_service.missions.orbits import highest_ground_m
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState, Evasion
-from mission_service.vehicles.availability import WIND_IS_FRESH_S
 from mission_service.vehicles.endurance import air_velocity_m_s, to_place_s
 from mission_service.vehicles.first_climb import fastest_m_s
 from mission_service.vehicles.missions_sent import MissionsSent
@@ -98,8 +97,8 @@ class Evasions:
 
     def _air_velocity_m_s(self, vehicle: Vehicle, at_s: float) -> tuple[float, float]:
         """Return the velocity of the air (x, y) as measured by a vehicle; calm if it is unknown."""
-        wind = vehicle.availability.measured_wind
-        if wind is None or at_s - wind.at_s > WIND_IS_FRESH_S:
+        wind = vehicle.availability.recent_wind(at_s)
+        if wind is None:
             return 0.0, 0.0
         return air_velocity_m_s(self._landscape, wind.speed_m_s, wind.from_deg)
 
@@ -124,7 +123,7 @@ class Evasions:
         climbs only as far as needed to clear the ground under its path and within ``reach_m`` of
         its end; a multirotor climbs before it leaves its position.
         """
-        yield _at_altitudes(items, lambda z: max(z, fix.altitude_m))
+        yield at_altitudes(items, AMSL_FRAMES, lambda z: max(z, fix.altitude_m))
         yield items
         start, end = (fix.x_m, fix.y_m), (float(path[-1, 0]), float(path[-1, 1]))
         beside_m = reach_m if vehicle.section.winged else COPTER_REACH_M
@@ -135,7 +134,7 @@ class Evasions:
         low_m = max(fix.altitude_m, round(ground_m + LEVEL_CLEARANCE_M, 1))
         if low_m > fix.altitude_m and not vehicle.section.winged:
             items = self._guidance.items(vehicle, path, fix)
-        yield _at_altitudes(items, lambda z: min(z, low_m))
+        yield at_altitudes(items, AMSL_FRAMES, lambda z: min(z, low_m))
 
     def way_home(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace, state: AirspaceState
@@ -369,16 +368,3 @@ class Evasions:
             if airspace.conflict(parts, self._landscape, start) is None:
                 return msgspec.structs.replace(command, items=items), cut_places
         return None
-
-
-def _at_altitudes(items: Items, altitude_of: Callable[[float], float]) -> Items:
-    """Return a mission's items with other altitudes above mean sea level.
-
-    Items without a position, or with another altitude reference, are unchanged.
-    """
-    return tuple(
-        replace(item, z=altitude_of(item.z))
-        if item.frame in AMSL_FRAMES and has_position(item.command)
-        else item
-        for item in items
-    )

@@ -437,27 +437,26 @@ class AirspaceGuard:
         )
 
     def _ends_outside(self, vehicle: Vehicle, airspace: Airspace) -> bool:
-        """Return whether the vehicle is flying out of a volume to a position that is still free.
-
-        A multirotor's mission home that was planned before the volume closed may begin with a
-        descent at its place; it then stays in the volume for too long, unless it soon leaves the
-        volume through its floor.
-        """
-        state, fix = self._states[vehicle.name], vehicle.availability.fix
-        route = state.on_board
+        """Return whether the vehicle is flying out of a volume to a position that is still free."""
+        route, fix = self._states[vehicle.name].on_board, vehicle.availability.fix
         ends = bool(route) and airspace.volume_at(route[-1].position) is None
         if not ends or fix is None or not self._flies_out(vehicle):
             return False
-        if vehicle.section.winged:
-            return True
+        return vehicle.section.winged or not self._descends_inside(vehicle, fix, airspace)
+
+    def _descends_inside(self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace) -> bool:
+        """Return whether a multirotor descends at its place, and will not soon be below the volume.
+
+        A mission home that was planned before the volume closed may begin with such a descent.
+        """
+        route = self._states[vehicle.name].on_board
         target = next((each for each in route if each.seq >= vehicle.current_seq), route[-1])
         x_m, y_m, down_to_m = target.position
         here = math.dist((x_m, y_m), (fix.x_m, fix.y_m)) < AT_PLACE_M
         if not here or down_to_m > fix.altitude_m - AT_PLACE_M:
-            return True
+            return False
         inside = airspace.volume_at(position_of(fix))
-        floor_m = -math.inf if inside is None else inside.floor_m
-        return max(down_to_m, fix.altitude_m - AT_PLACE_M) < floor_m
+        return inside is None or max(down_to_m, fix.altitude_m - AT_PLACE_M) >= inside.floor_m
 
     def _flies_out(self, vehicle: Vehicle) -> bool:
         """Return whether the vehicle is flying the mission by which it leaves a volume."""

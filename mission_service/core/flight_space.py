@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import shapely
 
@@ -41,14 +42,12 @@ from mission_service.vehicles.vehicle_state import Vehicle
 HOLDS_FOR_UPLOAD_S = 3.0  # until a vehicle that holds for an upload continues
 STARTS_WITHIN_S = 2.0  # until a vehicle flies a mission sent now
 COPTER_REACH_M = 20.0
+SINK_M_S = 5.0  # default of FW_T_SINK_MAX and TECS_SINK_MAX
 
 
 def position_of(fix: PositionFix) -> Position:
     """Return the x, y and altitude of a vehicle."""
     return fix.x_m, fix.y_m, fix.altitude_m
-
-
-SINK_M_S = 5.0  # default of FW_T_SINK_MAX and TECS_SINK_MAX
 
 
 class FlightSpace:
@@ -92,11 +91,11 @@ class FlightSpace:
         if not places:
             return []
         if fix is None or not vehicle.availability.airborne:
-            beyond = _late_space(vehicle, places[0].position, places[1:], places[1:])
-            return turning_parts(places, radius_m) + mission_parts(places) + beyond
-        start = position_of(fix)
-        parts = turning_parts(places, radius_m) + _late_space(vehicle, start, places, places)
-        parts += mission_parts(places, [start])[1:]  # it begins with a turn (see below)
+            after_takeoff = _space_along(vehicle, places[0].position, places[1:], places[1:])
+            return turning_parts(places, radius_m) + mission_parts(places) + after_takeoff.late
+        along = _space_along(vehicle, position_of(fix), places, places)
+        # The first leg begins with a turn (see below).
+        parts = along.turns + along.late + along.legs[1:]
         here = (fix.x_m, fix.y_m)
         positions = [place.position for place in places]
         away = [each for each in positions if math.dist(each[:2], here) > 1.0] or positions[-1:]
@@ -118,10 +117,8 @@ class FlightSpace:
             seq = vehicle.current_seq
             left = [place for place in state.on_board if place.seq >= seq]
             left = left or list(state.on_board[-1:])
-            start = position_of(fix)
-            parts = mission_parts(left, [start])
-            parts += turning_parts(state.on_board, turn_radius_m(vehicle), seq)
-            return parts + _late_space(vehicle, start, left, state.on_board, seq)
+            along = _space_along(vehicle, position_of(fix), left, state.on_board, seq)
+            return along.legs + along.turns + along.late
         if mode in GOING_HOME:
             return self.of_return(vehicle, fix, state)
         if mode in ("guided", "orbit") and state.orbit is not None:
@@ -237,29 +234,36 @@ def _return_landing(vehicle: Vehicle, state: AirspaceState) -> tuple[MissionPlac
     return state.landing if vehicle.return_flight.to_landing else ()
 
 
-def _late_space(
+class _SpaceAlong(NamedTuple):
+    """The space of a mission; ``late`` is that of altitudes which a plane reaches late."""
+
+    legs: list[Part]
+    turns: list[Part]
+    late: list[Part]
+
+
+def _space_along(
     vehicle: Vehicle,
     start: Position,
     left: Sequence[MissionPlace],
     places: Sequence[MissionPlace],
     from_seq: int = 0,
-) -> list[Part]:
-    """Return the space of a mission if a plane reaches the altitudes of the places left late.
+) -> _SpaceAlong:
+    """Return the space of the flight from ``start`` through the places left of a mission.
 
     ``places`` are all positions of the mission; turns before ``from_seq`` are omitted.
     """
+    radius_m = turn_radius_m(vehicle)
+    legs, turns = mission_parts(left, [start]), turning_parts(places, radius_m, from_seq)
     if not vehicle.section.winged:
-        return []
+        return _SpaceAlong(legs, turns, [])
     climb_m_s, fastest = vehicle.section.climb_m_s, fastest_m_s(vehicle)
     late = late_places(left, start, climb_m_s / fastest, max(climb_m_s, SINK_M_S) / fastest)
     if late == tuple(left):
-        return []
-    radius_m = turn_radius_m(vehicle)
-    legs, late_legs = mission_parts(left, [start]), mission_parts(late, [start])
+        return _SpaceAlong(legs, turns, [])
     all_late = [*(place for place in places if place.seq < late[0].seq), *late]
-    turns = turning_parts(places, radius_m, from_seq)
-    late_turns = turning_parts(all_late, radius_m, from_seq)
-    return between_altitudes([*legs, *turns], [*late_legs, *late_turns])
+    late_parts = mission_parts(late, [start]) + turning_parts(all_late, radius_m, from_seq)
+    return _SpaceAlong(legs, turns, between_altitudes(legs + turns, late_parts))
 
 
 def turn_radius_m(vehicle: Vehicle) -> float:

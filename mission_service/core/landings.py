@@ -29,12 +29,7 @@ from mission_service.errors import ScenarioError
 from mission_service.events import CommandFinished, MissionProgress, UploadFinished
 from mission_service.missions.landing_mission import LandingMission, landing_mission
 from mission_service.position_fix import PositionFix
-from mission_service.vehicles.availability import (
-    GOING_HOME,
-    MISSION,
-    WIND_IS_FRESH_S,
-    named_mode,
-)
+from mission_service.vehicles.availability import GOING_HOME, MISSION, named_mode
 from mission_service.vehicles.endurance import must_return
 from mission_service.vehicles.home_altitude import corrected, home_error_m
 from mission_service.vehicles.landing_state import LIMITS_S, LandingPhase
@@ -416,9 +411,11 @@ class Landings:
 
     def mission_from(self, vehicle: Vehicle, fix: PositionFix) -> LandingMission:
         """Return the mission that lands a plane from a position. Raises ScenarioError."""
-        availability = vehicle.availability
-        wind, measured = vehicle.landing.wind_at(fix.at_s), availability.measured_wind
-        if measured is not None and fix.at_s - measured.at_s <= WIND_IS_FRESH_S:
+        wind, measured = (
+            vehicle.landing.wind_at(fix.at_s),
+            vehicle.availability.recent_wind(fix.at_s),
+        )
+        if measured is not None:
             wind = (measured.speed_m_s, measured.from_deg)
         min_at = self.traffic.min_altitudes(vehicle.name)
         place = (fix.x_m, fix.y_m)

@@ -111,14 +111,15 @@ class Landing:
 
         If no approach into that wind clears the terrain, the landing is the one planned before.
         """
-        self._plan(at_s)
+        if self._needed:
+            self._plan(at_s)
         return self._items
 
     def approach_at(self, at_s: float) -> Approach | None:
         """Return the approach into the wind at a given time, or the one planned before.
 
-        None for a multirotor, and for a vehicle whose missions need no landing if no approach has
-        been clear of the terrain.
+        None for a multirotor. None also if no approach has been clear of the terrain, and missions
+        need no landing.
         """
         self._plan(at_s)
         return self._approach

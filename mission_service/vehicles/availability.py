@@ -141,6 +141,11 @@ class VehicleAvailability:
         counted_on &= self.landing == "none"
         return counted_on and self.position_good and not self.taken_over
 
+    def recent_wind(self, at_s: float) -> MeasuredWind | None:
+        """Return the measured wind; None if there is none, or if it is too old."""
+        wind = self.measured_wind
+        return None if wind is None or at_s - wind.at_s > WIND_IS_FRESH_S else wind
+
     def leading_to(self, mode: str, at_s: float) -> set[type[AnyCommand]]:
         """Return the kinds of commands under way that would cause this mode."""
         kinds = [kind for kind in self.expected_until_s if self.is_expected(kind, at_s)]

@@ -7,9 +7,8 @@ truth.
 """
 
 import math
-from dataclasses import replace
 
-from autopilot_bridge.items import RELATIVE_FRAMES, Items, has_position
+from autopilot_bridge.items import RELATIVE_FRAMES, Items, at_altitudes
 from mission_service.vehicles.vehicle_state import Vehicle
 
 # A smaller error has little effect; a larger difference has another cause.
@@ -40,12 +39,7 @@ def corrected(items: Items, vehicle: Vehicle) -> Items:
     error_m = home_error_m(vehicle)
     if not error_m:
         return items
-    return tuple(
-        replace(item, z=item.z + error_m)
-        if item.frame in RELATIVE_FRAMES and has_position(item.command)
-        else item
-        for item in items
-    )
+    return at_altitudes(items, RELATIVE_FRAMES, lambda z: z + error_m)
 
 
 def landing_items(vehicle: Vehicle, at_s: float) -> Items:

@@ -42,13 +42,20 @@ def landing_s(
     """
     if section.kind == "copter":
         return WAITS_S[section.stack] + copter_descent_s(height_m)
-    line_m = vtol_leg_m(section) if section.kind == "vtol" else glide_m(APPROACH_HEIGHTS_M[-1])
-    to_loiter_m, approach_m = (line_m, 0.0), APPROACH_HEIGHTS_M[-1]
-    if approach is not None:
-        line_m, approach_m = approach.length_m, approach.height_m
-        centre_m, end_m = approach.centre_m, home_m or (0.0, 0.0)
-        to_loiter_m = (float(centre_m[0]) - end_m[0], float(centre_m[1]) - end_m[1])
-    to_loiter_s = 0.0 if home_m is None else _straight_s(section, to_loiter_m, wind_m_s)
+    if approach is None:
+        approach_m = APPROACH_HEIGHTS_M[-1]
+        line_m = vtol_leg_m(section) if section.kind == "vtol" else glide_m(approach_m)
+    else:
+        approach_m, line_m = approach.height_m, approach.length_m
+    to_loiter_s = 0.0
+    if home_m is not None:
+        to_m = (line_m, 0.0)  # the direction is unknown if no approach is planned
+        if approach is not None:
+            to_m = (
+                float(approach.centre_m[0]) - home_m[0],
+                float(approach.centre_m[1]) - home_m[1],
+            )
+        to_loiter_s = _straight_s(section, to_m, wind_m_s)
     circle_s = math.tau * section.loiter_radius_m / section.airspeed_m_s
     headwind_m_s = math.hypot(*wind_m_s)
     descent_s = plane_descent_s(section, height_m, approach_m, line_m, headwind_m_s)

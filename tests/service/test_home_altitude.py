@@ -1,4 +1,4 @@
-"""Landings of PX4 planes whose autopilot has taken a wrong altitude as that of home."""
+"""Landings of PX4 planes after the autopilot has set home at a wrong altitude."""
 
 import numpy as np
 import pytest

@@ -14,7 +14,7 @@ CALM = (0.0, 0.0)
 
 
 def approach(height_m: float, length_m: float) -> Approach:
-    """Return an approach with course 270, whose loiter is beside its eastern end."""
+    """Return an approach with course 270 and a loiter beside its eastern end."""
     return Approach(270.0, height_m, np.array([length_m, 90.0]), length_m, np.zeros(2))
 
 
