@@ -268,10 +268,13 @@ class DecisionEngine:
         if stands and math.hypot(*velocity) < STANDS_M_S:
             availability.ground.include((x_m, y_m), telemetry.altitude_amsl_m, at_s)
         # Home may lie on a hill, so a vehicle counts as airborne from takeoff until it is disarmed.
-        flies = telemetry.altitude_relative_m >= self._airborne_m or availability.restarted_in_air
+        # The altitude of a disarmed vehicle may change too, by drift or by transport to a hill.
+        is_high = telemetry.altitude_relative_m >= self._airborne_m
+        flies = availability.armed and (is_high or availability.restarted_in_air)
         if flies and not availability.airborne:
-            availability.restarted_in_air = False
-            availability.airborne, availability.took_off_at_s = True, at_s
+            if not availability.restarted_in_air:
+                availability.took_off_at_s = at_s
+            availability.airborne, availability.restarted_in_air = True, False
             availability.recalled_on_ground = False
             if availability.mode in GOING_HOME:  # the mode was reported before the takeoff
                 self.recall(telemetry.vehicle, at_s)

@@ -47,8 +47,9 @@ class EnergyWatch:
 
     def battery(self, vehicle: Vehicle, event: events.BatteryUpdated) -> None:
         """Apply a battery report."""
-        min_v = vehicle.section.battery_min_voltage_v
-        vehicle.battery.apply(event, vehicle.availability.airborne, min_v)
+        min_v, availability = vehicle.section.battery_min_voltage_v, vehicle.availability
+        flies = availability.airborne or availability.restarted_in_air
+        vehicle.battery.apply(event, flies, min_v)
 
     def air_measured(self, vehicle: Vehicle, event: events.AirDataMeasured) -> None:
         """Apply the wind and the true airspeed derived from flight on several headings."""

@@ -207,6 +207,8 @@ class VehicleAvailability:
         fresh.off_task = self.off_task
         fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
         fresh.restarted_in_air = (self.airborne or self.restarted_in_air) and self.armed
+        if fresh.restarted_in_air:
+            fresh.took_off_at_s = self.took_off_at_s
         fresh.recalled = self.recalled and self.armed
         fresh.recalled_on_ground = fresh.recalled and self.recalled_on_ground
         for each in fields(self):

@@ -2,9 +2,10 @@
 
 A value that differs much from the previous one is used only after it has lasted ``CONFIRMED_S``, so
 that a single wrong value causes no return. In the air, a charge that rises much is not used:
-batteries are swapped on the ground. A charge that falls faster than ``MAX_DISCHARGE_PCT_S`` is
-used, but counts as a correction, not as a discharge (the simulated battery of PX4 falls to 50 %
-within half a minute, and stays there).
+batteries are swapped on the ground. If it lasts, the autopilot counts from a new beginning (an
+ArduPilot that is restarted in flight assumes a full battery), and only its later falls are used. A
+charge that falls faster than ``MAX_DISCHARGE_PCT_S`` is used, but counts as a correction, not as a
+discharge (the simulated battery of PX4 falls to 50 % within half a minute, and stays there).
 """
 
 import math
@@ -106,6 +107,8 @@ class BatteryReports:
     )
     charge_rate: UseRate = field(default_factory=lambda: UseRate(CHARGE_SMOOTHING_S))  # mAh
     reported_pct: float | None = None  # charge in the last report that has one
+    _excess_pct: float = 0.0  # of the reported charge over the one in use, after a rise in flight
+    _risen: tuple[float, float] | None = None  # time and size of a rise that may be such an excess
     voltage_v: float | None = None
     low_voltage_since_s: float | None = None
     reported_at_s: float = -math.inf
@@ -118,14 +121,14 @@ class BatteryReports:
         self._update_voltage(report.voltage_v, at_s, min_voltage_v)
         if report.percent is not None and (report.percent > 0.0 or report.voltage_v is not None):
             self.reported_pct = report.percent
-            self.level.consider(report.percent, at_s, may_rise=not airborne)
+            self._update_level(report.percent, at_s, airborne)
         if report.time_remaining_s is not None:
             self.empty_at.consider(at_s + report.time_remaining_s, at_s)
         else:
             self.empty_at = Confirmed(TIME_STEP_S)
         if airborne:
             self._use_charge(report, at_s)
-            if self.level.value is not None:
+            if self.level.value is not None and self._risen is None:
                 self.level_rate.learn(self.level.value, at_s)
         self._consumed_mah = report.consumed_mah
         self.reported_at_s = at_s
@@ -140,8 +143,8 @@ class BatteryReports:
         self.level, self.empty_at = Confirmed(LEVEL_STEP_PCT), Confirmed(TIME_STEP_S)
         self.level_rate.end_flight()
         self.charge_rate.end_flight()
-        self.reported_pct = self.low_voltage_since_s = None
-        self._used_mah = 0.0
+        self.reported_pct = self.low_voltage_since_s = self._risen = None
+        self._used_mah = self._excess_pct = 0.0
 
     def level_pct(self, at_s: float) -> float | None:
         """Return the charge in percent; without recent reports, continued at the usual rate."""
@@ -164,6 +167,21 @@ class BatteryReports:
         if not known or charge.used <= 0.0 or charge.per_s <= 0.0:
             return None
         return charge.per_s * level.used / charge.used
+
+    def _update_level(self, reported_pct: float, at_s: float, airborne: bool) -> None:
+        level_pct = self.level.value
+        if level_pct is not None and abs(reported_pct - level_pct) <= LEVEL_STEP_PCT:
+            self._excess_pct = 0.0
+        rise_pct = 0.0 if level_pct is None else reported_pct - self._excess_pct - level_pct
+        if not airborne or rise_pct <= LEVEL_STEP_PCT:
+            self._risen = None
+        elif self._risen is None:
+            self._risen = at_s, rise_pct
+        elif at_s - self._risen[0] >= CONFIRMED_S:
+            self._excess_pct += self._risen[1]
+            self._risen = None
+        counted_pct = max(reported_pct - self._excess_pct, 0.0)
+        self.level.consider(counted_pct, at_s, may_rise=not airborne)
 
     def _update_voltage(self, volts: float | None, at_s: float, min_v: float | None) -> None:
         if volts is None or volts <= 0.0:

@@ -42,6 +42,7 @@ from mission_service.fire.camera import camera_of
 from mission_service.fire.camera_views import observed
 from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_fire import SimulatedFire
+from mission_service.vehicles.availability import AIRBORNE_M
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
 CRITICAL = 2  # MAV_SEVERITY
@@ -69,6 +70,8 @@ class Flight:
 
     def at_height(self, height_m: float, later_s: float = 1.0) -> list[AnyCommand]:
         self.at_us += round(later_s * 1e6)
+        if height_m >= AIRBORNE_M:
+            self.core.vehicles["hawk"].availability.armed = True
         return self.handle(
             Telemetry(
                 self.at_us,
@@ -243,10 +246,36 @@ def test_an_autopilot_restarted_before_its_flight_is_sent_to_the_fire_again(
 
 def test_an_autopilot_restarted_after_its_flight_waits_for_an_operator(land: Landscape) -> None:
     flight, _ = airborne(land, atomic=True)
+    flight.handle(ModeChanged(flight.at_us, "hawk", 4, armed=False, mode="mission"))
     flight.handle(VehicleRebooted(flight.at_us, "hawk"))
     (mission,) = uploads(flight.at_height(0.0))
     assert mission.items[0].command == NAV_TAKEOFF
     assert kinds(flight.finished(mission.mission_id, "accepted")) == [Announce]
+
+
+def test_the_time_in_the_air_continues_after_a_restart_in_flight(land: Landscape) -> None:
+    flight = Flight(load_scenario("default", ("vehicles.0.endurance_s=3600",)), land)
+    flight.at_height(0.0)
+    flight.at_height(80.0)
+    flight.at_height(80.0, later_s=2900.0)
+    before = flight.core.vehicles["hawk"].energy.estimate
+    flight.handle(VehicleRebooted(flight.at_us, "hawk"))
+    flight.at_height(80.0, later_s=2.0)
+    after = flight.core.vehicles["hawk"].energy.estimate
+    assert before is not None and after is not None
+    assert after.time_on_task_s == pytest.approx(before.time_on_task_s - 2.0, abs=1.0)
+
+
+def test_a_disarmed_vehicle_that_is_carried_uphill_is_not_airborne(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+    flight.at_height(0.0)
+    carried = flight.core.vehicles["hawk"]
+    place = (flight.home.home_lat_deg, flight.home.home_lon_deg, HOME_AMSL_M + 40.0, 40.0)
+    flight.handle(Telemetry(flight.at_us, "hawk", *place, 0.0, 0.0, 90.0))
+    assert not carried.availability.airborne
+    flight.handle(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
+    flight.handle(Telemetry(flight.at_us, "hawk", *place, 0.0, 0.0, 90.0))
+    assert carried.availability.airborne
 
 
 def test_a_return_ordered_during_the_takeoff_is_carried_out_in_the_air(land: Landscape) -> None:

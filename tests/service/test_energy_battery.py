@@ -212,3 +212,23 @@ def test_the_fall_of_px4s_simulated_battery_is_no_discharge(begins_s: float) -> 
     assert battery.level_pct(900.0) == 50.0
     assert battery.discharge_pct_s() is None
     assert times_left(SECTION, battery, 900.0, LANDS_S, 900.0) == []
+
+
+def test_after_a_restart_in_flight_only_the_falls_of_a_charge_that_begins_at_100_count() -> None:
+    battery = flown(BatteryReports(), 1500.0, 825.0)
+    assert battery.level_pct(825.0) == pytest.approx(45.0, abs=1.0)
+    for at_s in range(830, 1331, 10):
+        true_pct = 100.0 - at_s / 15.0
+        battery.apply(report(float(at_s), math.ceil(true_pct + 55.0)), True, None)
+        assert battery.level_pct(at_s) == pytest.approx(true_pct, abs=3.0)
+        left_s = least(battery, at_s).until_empty_s
+        assert left_s == pytest.approx(1500.0 - at_s, rel=0.15, abs=40.0)
+
+
+def test_a_reported_rise_that_ends_late_does_not_change_the_charge() -> None:
+    battery = flown(BatteryReports(), 1500.0, 600.0)
+    for at_s in range(610, 660, 10):
+        battery.apply(report(float(at_s), 100.0), True, None)
+    for at_s in range(660, 700, 10):
+        battery.apply(report(float(at_s), math.ceil(100.0 - at_s / 15.0)), True, None)
+    assert battery.level_pct(690.0) == 54.0

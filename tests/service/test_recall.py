@@ -73,6 +73,7 @@ class Flight:
         self.at_s = scenario.deploy_at_s
         self.handle(VehicleConnected(self.at_us, "hawk", "a stack", True))
         self.at(0.0)
+        self.mode("mission")
         self.at(150.0)
 
     @property
