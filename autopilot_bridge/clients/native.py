@@ -36,6 +36,7 @@ from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, MessageRates, R
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.remote_id import RemoteIdMonitor, is_of_remote_id
+from autopilot_bridge.vehicle.sent_commands import SentCommands
 from autopilot_bridge.vehicle.statustext import StatustextAssembler
 from autopilot_bridge.vehicle.transfer_queue import TransferQueue
 from autopilot_bridge.vehicle.transfer_states import Job, StartItem, VehicleState
@@ -88,8 +89,9 @@ class NativeClient:
         self._rates = MessageRates(self._own, rates_hz)
         self._commanded_modes = CommandedModes()
         self._jobs = TransferQueue(self._own, self._timing, self._report, self._commanded_modes)
+        self._sent_commands = SentCommands(self._own)
         self._commands = CommandQueue(
-            self._own, self._timing, self._events.append, self._commanded_modes
+            self._timing, self._events.append, self._commanded_modes, self._sent_commands
         )
         self._drops = DropSender(system_id, self._timing, self._events.append)
         self._parameters = ParameterQueue(self._timing, self._events.append)
@@ -177,7 +179,7 @@ class NativeClient:
         command_id = self._commands.enqueue(
             name, steps, self._target(), stack, order.urgent, now_us, order.timing
         )
-        self._send(*self._commands.start_next(now_us))
+        self._send_commands(self._commands.start_next(now_us), now_us)
         return command_id
 
     def drop(self, dropper: orders.Dropper, now_us: int) -> int:
@@ -319,10 +321,10 @@ class NativeClient:
         self._events.extend(self._remote_id.handle_timer(now_us))
         if self._monitor.next_timer() is not None:
             self._send(*self._rates.handle_timer(now_us))
-        self._send(*self._jobs.handle_timer(now_us))
+        self._send_commands(self._jobs.handle_timer(now_us), now_us)
         self._advance(now_us)
         if now_us >= self._monitor.undecided_until_us:
-            self._send(*self._commands.handle_timer(now_us))
+            self._send_commands(self._commands.handle_timer(now_us), now_us)
         self._send(*self._drops.handle_timer(now_us))
         self._send(*self._parameters.handle_timer(now_us))
 
@@ -376,11 +378,13 @@ class NativeClient:
             return
         self._drops.receive(message, now_us)
         self._outgoing += self._rates.receive(message, now_us)
+        if message.get_type() == "COMMAND_ACK":
+            self._sent_commands.receive(message)
         if now_us >= monitor.undecided_until_us:  # otherwise a restart may undo the command
-            self._outgoing += self._commands.receive(message, now_us)
+            self._send_commands(self._commands.receive(message, now_us), now_us)
         self._outgoing += self._parameters.receive(message, now_us)
         if self._jobs.next_timer() is not None:  # a transfer is active
-            self._send(*self._jobs.receive(message, now_us))
+            self._send_commands(self._jobs.receive(message, now_us), now_us)
             self._advance(now_us)
         elif message.get_type() == "HEARTBEAT":
             self._advance(now_us)
@@ -393,11 +397,10 @@ class NativeClient:
             self._jobs.mode_overridden(why, self.armed)
             if mode == stack.rtl_mode and stack.atomic_upload:
                 self._send(*self._jobs.cancel_missions(stack, why, now_us))
-            self._send(*self._commands.release_mode(why, now_us))
+            self._send_commands(self._commands.release_mode(why, now_us), now_us)
         elif was_armed and not self.armed:
-            self._send(
-                *self._commands.release_mode("the vehicle was disarmed in the meantime", now_us)
-            )
+            why = "the vehicle was disarmed in the meantime"
+            self._send_commands(self._commands.release_mode(why, now_us), now_us)
 
     def _target(self) -> tuple[int, int]:
         return self._target_system or 0, AUTOPILOT
@@ -420,8 +423,8 @@ class NativeClient:
             *(self.stack, self._target(), monitor.current, total, self.armed, self.custom_mode),
             *(monitor.plan_id, monitor.unfit),
         )
-        self._send(*self._jobs.continue_jobs(state, now_us))
-        self._send(*self._jobs.start_next(state, now_us))
+        self._send_commands(self._jobs.continue_jobs(state, now_us), now_us)
+        self._send_commands(self._jobs.start_next(state, now_us), now_us)
 
     def validate_state(self) -> None:
         """Raise AssertionError if an invariant does not hold between two events; for tests."""
@@ -433,6 +436,11 @@ class NativeClient:
 
     def _send(self, *messages: Message) -> None:
         self._outgoing.extend(messages)
+
+    def _send_commands(self, messages: list[Message], now_us: int) -> None:
+        for message in messages:
+            self._sent_commands.sent(message, now_us)
+        self._outgoing += messages
 
 
 def gcs_heartbeat() -> Message:

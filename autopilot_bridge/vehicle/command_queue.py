@@ -10,6 +10,7 @@ from autopilot_bridge.vehicle.client_events import CommandFinished, ParametersFi
 from autopilot_bridge.vehicle.command_sequence import AnyStep, CommandSequence
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step
 from autopilot_bridge.vehicle.parameters import ParameterRead, ParameterSet, ParametersRead
+from autopilot_bridge.vehicle.sent_commands import SentCommands
 
 Request = ParameterRead | ParametersRead | ParameterSet
 R = TypeVar("R", CommandSequence, Request)
@@ -78,13 +79,13 @@ class CommandQueue(_RequestQueue[CommandSequence]):
 
     def __init__(
         self,
-        own: tuple[int, int],
         timing: TransferTiming,
         report: Callable[[CommandFinished], None],
         commanded_modes: CommandedModes,
+        sent: SentCommands,
     ) -> None:
         super().__init__()
-        self._own = own
+        self._sent = sent
         self._commanded_modes = commanded_modes
         self._modes: dict[int, tuple[int, ...]] = {}  # commanded modes, by command id
         self._timing = timing
@@ -105,7 +106,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
             self.end_all(f"{name} replaced it", now_us)
         modes = tuple(mode for step in steps for mode in modes_of_step(step, stack))
         sequence = CommandSequence(
-            *(name, self._own, target, steps, timing or self._timing),
+            *(name, target, steps, timing or self._timing, self._sent),
             bytewise=stack.name == "px4",
             after_heartbeats=bool(modes) and timing is None,
             without_heartbeats=urgent,

@@ -14,6 +14,7 @@ from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming, is_for
 from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.parameters import ParameterSet
+from autopilot_bridge.vehicle.sent_commands import SentCommands
 
 RESULTS = {
     mavlink.MAV_RESULT_TEMPORARILY_REJECTED: "temporarily rejected",
@@ -69,16 +70,17 @@ class CommandSequence:
     A step is sent when the previous one has been accepted, and is sent again if no reply arrives in
     time. Repetition is harmless: each step commands a state or a position, never a change. When the
     last step is accepted, or any step is rejected, ``outcome`` becomes the pair (accepted, reason).
-    The reason for a rejection includes the autopilot's last warning text.
+    The reason for a rejection includes the autopilot's last warning text. Acknowledgements of
+    frames that were sent before a step are not used; the step is then sent again.
     """
 
     def __init__(
         self,
         name: str,
-        own: tuple[int, int],
         target: tuple[int, int],
         steps: tuple[AnyStep, ...],
         timing: TransferTiming,
+        sent: SentCommands,
         bytewise: bool = False,
         after_heartbeats: bool = False,
         without_heartbeats: bool = False,
@@ -92,10 +94,11 @@ class CommandSequence:
         """
         self.name = name
         self.outcome: tuple[bool, str] | None = None
-        self._own = own
         self._target = target
         self._steps = steps
         self._timing = timing
+        self._sent = sent
+        self._earlier = 0  # acknowledgements of earlier frames that may still arrive
         self._bytewise = bytewise
         self._after_heartbeats = after_heartbeats
         self._without_heartbeats = without_heartbeats
@@ -125,6 +128,7 @@ class CommandSequence:
         self._tries, self._working, self._repeats = 0, False, False
         if isinstance(step, Step):
             self._setting = None
+            self._earlier = self._sent.unanswered(step.command, now_us)
             return self._send(step, now_us)
         self._setting = ParameterSet(
             self._target, step.name, step.value, self._bytewise, self._timing
@@ -172,8 +176,12 @@ class CommandSequence:
     def _acknowledged(self, message: Message, now_us: int) -> list[Message]:
         step = self._steps[self._index]
         assert isinstance(step, Step)
-        if not is_for(message, self._own) or message.command != step.command:
+        if not is_for(message, self._sent.own) or message.command != step.command:
             return []
+        if self._earlier:
+            self._earlier -= message.result != mavlink.MAV_RESULT_IN_PROGRESS
+            return []
+        self._repeats = False
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
             self._working = True
             self._deadline_us = now_us + WORKING_FOR_US

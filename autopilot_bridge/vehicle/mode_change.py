@@ -10,7 +10,13 @@ detected and not overridden.
 """
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.missions.transfer import Address, Exchange, TransferResult, TransferTiming
+from autopilot_bridge.missions.transfer import (
+    Address,
+    Exchange,
+    TransferResult,
+    TransferTiming,
+    is_for,
+)
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, result_words
 
@@ -52,7 +58,9 @@ class ModeChange(Exchange):
         kind = message.get_type()
         if kind == "HEARTBEAT":
             return self._heartbeat(message.custom_mode, now_us)
-        refused = kind == "COMMAND_ACK" and message.result not in TAKEN
+        if kind != "COMMAND_ACK" or not is_for(message, self._address.own):
+            return []
+        refused = message.result not in TAKEN
         if refused and message.command == self._step.command and self._tries:
             words = result_words(message.result)
             self.result = TransferResult("rejected", f"the mode change: {words}")

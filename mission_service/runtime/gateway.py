@@ -254,7 +254,11 @@ class Gateway:
                 self._queued += self._parameters.receive(event, self._clock.now_us, now_us)
 
     def execute(self, command: AnyCommand, now_us: int) -> None:
-        """Execute one command; ``events`` yields the outcome."""
+        """Execute one command; ``events`` yields the outcome.
+
+        A command that the client cannot send, for example before the vehicle is connected, is
+        reported as refused.
+        """
         match command:
             case UploadMission():
                 items = as_uploaded(command.items, self.client.stack)
@@ -263,8 +267,15 @@ class Gateway:
             case Drop():
                 self._drop(command, now_us)
             case _ if (order := ORDER_NAMES.get(type(command))) is not None:
-                _vehicle, *arguments = msgspec.structs.astuple(command)
-                self.client.command(order, now_us, *arguments)
+                self._order(order, command, now_us)
+
+    def _order(self, name: str, command: AnyCommand, now_us: int) -> None:
+        _vehicle, *arguments = msgspec.structs.astuple(command)
+        try:
+            self.client.command(name, now_us, *arguments)
+        except BridgeError as error:
+            at_us = self._clock.now_us
+            self._queued.append(CommandFinished(at_us, self.name, name, False, str(error)))
 
     def _drop(self, command: Drop, now_us: int) -> None:
         try:

@@ -6,7 +6,9 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.mock.body import wider_m
@@ -14,6 +16,7 @@ from autopilot_bridge.stacks.stacks import STACKS, Stack, Step, stack_named
 from autopilot_bridge.vehicle import orders
 from autopilot_bridge.vehicle.client_events import CommandFinished, ModeChanged, Position, Rebooted
 from autopilot_bridge.vehicle.command_sequence import CommandSequence
+from autopilot_bridge.vehicle.sent_commands import SentCommands
 from tests.bridge.helpers import HOME, Pair, flight_of, mock_of
 from tests.bridge.mock_exchange import NOT_VTOLS
 
@@ -345,6 +348,7 @@ def test_modes_have_names_and_numbers() -> None:
 
 # The sequence itself ----------------------------------------------------------------------------
 
+OWN = (255, 190)
 STEP = Step(mavlink.MAV_CMD_NAV_TAKEOFF, (0.0,))
 TIMING = TransferTiming(timeout_us=1_000_000, retries=2)
 
@@ -356,7 +360,7 @@ def ack(result: int, target: tuple[int, int] = (255, 190), command: int = STEP.c
 
 
 def begun() -> CommandSequence:
-    sequence = CommandSequence("takeoff", (255, 190), (1, 1), (STEP,), TIMING)
+    sequence = CommandSequence("takeoff", (1, 1), (STEP,), TIMING, SentCommands(OWN))
     sequence.start(0)
     return sequence
 
@@ -412,3 +416,97 @@ def test_repeats_are_counted_and_a_refusal_after_one_is_reported_with_that() -> 
     for second in (1, 2, 3):
         silent.handle_timer(second * 1_000_000)
     assert silent.outcome == (False, "NAV_TAKEOFF was not acknowledged")
+
+
+def test_a_refusal_that_arrives_after_the_timeout_is_not_followed_by_a_repeat() -> None:
+    sent = SentCommands(OWN)
+    sequence = CommandSequence("hold", (1, 1), (STEP,), TIMING, sent, after_heartbeats=True)
+    sequence.start(0)
+    assert sequence.handle_timer(1_000_000) == []  # it would be repeated after a heartbeat
+    sequence.receive(ack(mavlink.MAV_RESULT_FAILED), 1_100_000)
+    heartbeat = mavlink.MAVLink_heartbeat_message(1, 3, 129, 12, 4, 3)
+    heartbeat._header = mavlink.MAVLink_header(0, srcSystem=1, srcComponent=1)
+    assert sequence.receive(heartbeat, 1_200_000) == []
+    sequence.handle_timer(1_500_000)
+    assert sequence.outcome == (
+        False,
+        "NAV_TAKEOFF failed when it was repeated; it may have been accepted before",
+    )
+
+
+class Plane:
+    """An ArduPlane whose frames, answers and losses are those of a test."""
+
+    def __init__(self) -> None:
+        self.client, self.now_us = NativeClient(rates_hz={}), 0
+        self._codec, self._other_end = Codec(1, 1), Codec(9, 9)
+        self.heartbeat(mode=10)
+        self.sent()
+
+    def receive(self, message: object) -> None:
+        self.client.receive_data(self._codec.encode(message), self.now_us)
+
+    def heartbeat(self, mode: int) -> None:
+        self.receive(mavlink.MAVLink_heartbeat_message(1, 3, 129, mode, 4, 3))
+
+    def acknowledge(self, command: int = mavlink.MAV_CMD_DO_SET_MODE) -> None:
+        self.receive(mavlink.MAVLink_command_ack_message(command, 0, 0, 0, *OWN))
+
+    def sent(self) -> list[float]:
+        """Return the modes commanded since the last call."""
+        messages = [
+            each for data in self.client.data_to_send() for each in self._other_end.decode(data)
+        ]
+        return [each.param2 for each in messages if each.get_type() == "COMMAND_LONG"]
+
+    def outcomes(self) -> list[tuple[str, bool]]:
+        events = iter(self.client.next_event, None)
+        return [(e.name, e.accepted) for e in events if isinstance(e, CommandFinished)]
+
+    def wait(self, seconds: float, mode: int) -> None:
+        """Let time pass, with a heartbeat each second."""
+        for _ in range(round(seconds)):
+            self.now_us += 1_000_000
+            self.heartbeat(mode)
+            self.client.handle_timer(self.now_us)
+
+
+def test_the_late_acknowledgement_of_a_replaced_order_does_not_count_for_the_next_one() -> None:
+    plane = Plane()
+    plane.client.command("hold", plane.now_us)
+    assert plane.sent() == [12.0]
+    plane.now_us += 600_000
+    plane.client.command("return", plane.now_us)
+    assert plane.sent() == [11.0]  # lost on the link
+    plane.now_us += 100_000
+    plane.acknowledge()  # of the hold
+    assert plane.outcomes() == [("hold", False)]
+    plane.wait(5.0, mode=12)
+    assert plane.sent() == [11.0]
+    plane.acknowledge()
+    assert plane.outcomes() == [("return", True)]
+
+
+def test_an_order_whose_acknowledgement_was_taken_for_an_earlier_one_is_repeated() -> None:
+    plane = Plane()
+    plane.client.command("hold", plane.now_us)  # lost on the link
+    plane.now_us += 600_000
+    plane.client.command("return", plane.now_us)
+    plane.sent()
+    plane.now_us += 100_000
+    plane.acknowledge()  # of the return
+    assert plane.outcomes() == [("hold", False)]
+    plane.wait(5.0, mode=11)
+    assert plane.sent() == [11.0]
+    plane.acknowledge()
+    assert plane.outcomes() == [("return", True)]
+
+
+def test_an_acknowledgement_that_did_not_arrive_in_three_seconds_is_not_waited_for() -> None:
+    plane = Plane()
+    plane.client.command("hold", plane.now_us)  # lost on the link
+    plane.sent()
+    plane.now_us += 3_100_000
+    plane.client.command("return", plane.now_us)
+    plane.acknowledge()
+    assert plane.outcomes() == [("hold", False), ("return", True)]

@@ -262,7 +262,8 @@ def test_the_time_in_the_air_continues_after_a_restart_in_flight(land: Landscape
     flight.handle(VehicleRebooted(flight.at_us, "hawk"))
     flight.at_height(80.0, later_s=2.0)
     after = flight.core.vehicles["hawk"].energy.estimate
-    assert before is not None and after is not None
+    assert before is not None
+    assert after is not None
     assert after.time_on_task_s == pytest.approx(before.time_on_task_s - 2.0, abs=1.0)
 
 

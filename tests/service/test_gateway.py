@@ -5,13 +5,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.message_rates import RATES_HZ, rates_for
-from mission_service.commands import ChangeSpeed, Hold, Orbit, Return
+from mission_service.commands import ChangeSpeed, GoAround, Hold, Orbit, Return
 from mission_service.config.scenario import load_scenario
 from mission_service.events import (
     AutopilotText,
+    CommandFinished,
     EstimatorStatusChanged,
     FenceStatusChanged,
     LandedStateChanged,
@@ -49,6 +51,16 @@ def test_a_return_is_ordered_of_the_client() -> None:
     gateway.execute(Return("hawk"), 0)
     gateway.execute(Hold("hawk"), 0)
     assert client.orders == ["return", "hold"]
+
+
+def test_an_order_to_a_vehicle_that_is_not_connected_is_refused_and_stops_no_other() -> None:
+    gateway = Gateway("hawk", NativeClient(), MissionClock(0, False))
+    gateway.execute(GoAround("hawk", 36.0, -84.0, 400.0), 0)
+    (refused,) = gateway.events(0)
+    assert refused == CommandFinished(
+        *(0, "hawk", "go around", False),
+        "no autopilot is connected yet; wait for the event Connected",
+    )
 
 
 def test_orbits_and_speeds_are_the_clients_own_orders() -> None:
