@@ -26,6 +26,7 @@ more than a minute behind ArduPilot's own timestamp. PX4 signs frames from versi
 
 import base64
 import binascii
+import contextlib
 import hashlib
 import hmac
 import os
@@ -160,7 +161,8 @@ class Timestamps:
     """The timestamps of sent frames: from the clock, and strictly increasing even after restarts.
 
     ``wall_us`` returns microseconds since 1970. With a ``file``, no timestamp is used twice even if
-    the clock is set back while the program is not running. Several links may share one file.
+    the clock is set back while the program is not running. Several links may share one file. If the
+    disk becomes full later, frames are still signed, and the file is written when that is possible.
     """
 
     def __init__(self, wall_us: Callable[[], int], file: Path | None = None) -> None:
@@ -172,13 +174,21 @@ class Timestamps:
                 "signing: the clock is set to a time before 2015; correct it, because receivers "
                 "reject such frames"
             )
+        if file is not None:
+            self._store(max(self._last, ticks_of(wall_us())))
 
     def next(self) -> int:
-        """Return the next frame's timestamp. Raises BridgeError if the file cannot be written."""
+        """Return the next frame's timestamp."""
         self._last = max(self._last + 1, ticks_of(self._wall_us()))
-        if self._file is not None and self._last > self._reserved:
-            self._store(self._last + RESERVED_S * TICKS_PER_S)
+        if self._last > self._reserved:
+            self._reserve(self._last + RESERVED_S * TICKS_PER_S)
         return self._last
+
+    def _reserve(self, ticks: int) -> None:
+        if self._file is not None:
+            with contextlib.suppress(BridgeError):  # it is tried again at the end of the next span
+                self._store(ticks)
+        self._reserved = ticks
 
     def present(self) -> int:
         """Return the current timestamp, with which received timestamps are compared."""
@@ -186,8 +196,7 @@ class Timestamps:
 
     def close(self) -> None:
         """Release the unused part of the reserved timestamps."""
-        if self._file is not None:
-            self._store(self._last)
+        self._reserve(self._last)
 
     def _store(self, ticks: int) -> None:
         assert self._file is not None
@@ -198,7 +207,6 @@ class Timestamps:
             new.replace(self._file)
         except OSError as error:
             raise BridgeError(f"signing: {self._file}: {error.strerror}") from None
-        self._reserved = ticks
 
 
 def _stored(file: Path) -> int:

@@ -118,7 +118,7 @@ def connected(
     The caller opens the connection. On exit, the .tlog and the signing timestamp file are closed.
     """
     with contextlib.ExitStack() as stack:
-        tlog = stack.enter_context(Tlog(line.tlog, wall_us)) if line.tlog else None
+        tlog = stack.enter_context(Tlog(line.tlog, wall_us, line.warn)) if line.tlog else None
         signing_of = stack.enter_context(signings((signing_key, *others), wall_us, line.warn))
         signing = signing_of.get(signing_key)
         yield (

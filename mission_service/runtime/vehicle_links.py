@@ -10,6 +10,7 @@ import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from autopilot_bridge.clients.client_protocol import VehicleClient
@@ -111,15 +112,14 @@ async def open_links(
         # A transfer and a command of each vehicle may run simultaneously, in separate threads.
         threads = ThreadPoolExecutor(2 * len(scenario.flown) + 2)
         asyncio.get_running_loop().set_default_executor(threads)
-    tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
+    announce = partial(report, "service")
+    tlog = stack.enter_context(Tlog(tlog_path, wall_us, announce)) if tlog_path else None
     system_ids = {section.system_id for section in scenario.flown}
     if tlog is not None and len(system_ids) < len(scenario.flown):
         words = "vehicles with the same system id cannot be distinguished in it; change their ids"
-        report("service", f"{tlog_path}: {words}")
+        announce(f"{tlog_path}: {words}")
     sources = [section.signing_key for section in scenario.flown]
-    signing_of = stack.enter_context(
-        signings(sources, wall_us, lambda text: report("service", text))
-    )
+    signing_of = stack.enter_context(signings(sources, wall_us, announce))
     places = {section.name: place for place, section in enumerate(scenario.flown)}
     links: dict[str, Link] = {}
     for sections in groups:

@@ -82,7 +82,7 @@ def recorded(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     pair.mock_alive = True
     pair.run_for(5.0)
     now = [0]
-    with Tlog(path, lambda: BEGIN_US + now[0]) as tlog:
+    with Tlog(path, lambda: BEGIN_US + now[0], pytest.fail) as tlog:
         for at_us, frame in frames:
             now[0] = at_us
             tlog.record([frame])
@@ -220,7 +220,7 @@ READERS: dict[str, tuple[Callable[[Path], Log], Callable[[], bytes]]] = {
 def tlog_at(path: Path, frames: list[tuple[int, bytes]], rate: float) -> Path:
     """Return the frames of a simulation that ran at this speed relative to the recorder's clock."""
     now = [0]
-    with Tlog(path, lambda: BEGIN_US + now[0]) as tlog:
+    with Tlog(path, lambda: BEGIN_US + now[0], pytest.fail) as tlog:
         for at_us, frame in frames:
             now[0] = round(at_us / rate)
             tlog.record([frame])
@@ -268,7 +268,7 @@ def written(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
         frames = pair.down._frames  # type: ignore[attr-defined]
         pair.run_for(8.0)
         now = [0]
-        with Tlog(path, lambda: BEGIN_US + now[0]) as tlog:
+        with Tlog(path, lambda: BEGIN_US + now[0], pytest.fail) as tlog:
             for now[0], frame in frames:
                 tlog.record([frame])
         return path, path.read_bytes(), TlogLog

@@ -252,7 +252,7 @@ def test_a_connection_signs_all_and_accepts_only_what_verifies(tmp_path: Path) -
 
     async def exchange() -> list[bytes]:
         port, peer, ours = free_port(), Peer(), signing()
-        with Tlog(path, lambda: NOW_US) as tlog:
+        with Tlog(path, lambda: NOW_US, pytest.fail) as tlog:
             async with Connection(
                 f"udpin:127.0.0.1:{port}", peer, clock_us, tlog=tlog, signing=ours, link_id=5
             ) as connection:
@@ -282,7 +282,7 @@ def test_a_key_is_sent_on_demand_and_never_recorded(tmp_path: Path) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
             vehicle.bind(("127.0.0.1", port))
             vehicle.settimeout(PATIENCE_S)
-            with Tlog(path, lambda: NOW_US) as tlog:
+            with Tlog(path, lambda: NOW_US, pytest.fail) as tlog:
                 link = f"udpout:127.0.0.1:{port}"
                 async with Connection(link, peer, clock_us, tlog=tlog) as connection:
                     connection.set_up_signing((255, 190), (1, 1), KEY, NOW_US, signing())
@@ -315,7 +315,7 @@ def test_a_key_that_another_station_sends_is_not_recorded_either(tmp_path: Path)
 
     async def exchange() -> None:
         port, peer = free_port(), TextPeer()
-        with Tlog(path, lambda: NOW_US) as tlog, udp_socket() as other:
+        with Tlog(path, lambda: NOW_US, pytest.fail) as tlog, udp_socket() as other:
             link = f"udpin:127.0.0.1:{port}"
             async with Connection(link, peer, clock_us, tlog=tlog) as connection:
                 other.sendto(text("a") + frame + text("b"), ("127.0.0.1", port))

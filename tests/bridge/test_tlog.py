@@ -2,6 +2,8 @@
 
 import asyncio
 import contextlib
+import resource
+import signal
 import socket
 import struct
 import threading
@@ -56,7 +58,7 @@ def read(path: Path) -> list[tuple[float, int, str]]:
 
 def test_a_record_is_the_time_and_the_frame(tmp_path: Path) -> None:
     path = tmp_path / "flight.tlog"
-    with Tlog(path, lambda: BEGIN_US + 7) as tlog:
+    with Tlog(path, lambda: BEGIN_US + 7, pytest.fail) as tlog:
         tlog.record([text("a"), text("bc")])
     stamp = struct.pack(">Q", BEGIN_US + 4)  # the two lowest bits are the link number: 0
     assert path.read_bytes() == stamp + text("a") + stamp + text("bc")
@@ -79,7 +81,7 @@ def test_both_directions_are_recorded_and_pymavlink_reads_them_back(tmp_path: Pa
                 peer.outgoing = [answer]
                 connection.flush()
 
-    with Tlog(path, wall_clock()) as tlog:
+    with Tlog(path, wall_clock(), pytest.fail) as tlog:
         run(lambda: exchange(tlog))
     found = read(path)
     assert [(system, words) for _, system, words in found] == [
@@ -92,22 +94,42 @@ def test_both_directions_are_recorded_and_pymavlink_reads_them_back(tmp_path: Pa
 
 def test_a_recording_is_added_to_and_readable_without_being_closed(tmp_path: Path) -> None:
     path = tmp_path / "flight.tlog"
-    with Tlog(path, wall_clock()) as first:
+    with Tlog(path, wall_clock(), pytest.fail) as first:
         first.record([text("one")])
-    with Tlog(path, wall_clock()) as second:
+    with Tlog(path, wall_clock(), pytest.fail) as second:
         second.record([text("two")])
         assert [words for _, _, words in read(path)] == ["one", "two"]
 
 
 def test_an_invalid_recording_is_reported_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(BridgeError, match=r"none/flight\.tlog.*No such"):
-        Tlog(tmp_path / "none" / "flight.tlog", wall_clock())
-    if Path("/dev/full").exists():
-        with (
-            Tlog(Path("/dev/full"), wall_clock()) as tlog,
-            pytest.raises(BridgeError, match=r"/dev/full.*No space left"),
-        ):
-            tlog.record([text("a")])
+        Tlog(tmp_path / "none" / "flight.tlog", wall_clock(), pytest.fail)
+
+
+def test_a_full_disk_is_reported_once_and_the_recording_continues_later(tmp_path: Path) -> None:
+    path, now_us = tmp_path / "flight.tlog", [BEGIN_US]
+    reported: list[str] = []
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    with Tlog(path, lambda: now_us[0], reported.append) as tlog:
+        tlog.record([text("a")])
+        size = path.stat().st_size
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size + 20, unlimited[1]))
+            for _ in range(30):
+                tlog.record([text("b"), text("c")])
+                now_us[0] += 1_000_000
+            assert path.stat().st_size == size
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+            signal.signal(signal.SIGXFSZ, ignored)
+        now_us[0] += 10_000_000
+        tlog.record([text("d")])
+    assert [words for _, _, words in read(path)] == ["a", "d"]
+    assert reported == [
+        f"{path}: cannot be written: the disk is full; frames are not recorded",
+        f"{path}: is written again; 60 frames are missing",
+    ]
 
 
 # Missions over every kind of link ---------------------------------------------------------------

@@ -36,7 +36,7 @@ def test_a_router_sends_signed_frames_over_both_links(tmp_path: Path) -> None:
         links = tuple(f"udpin:127.0.0.1:{port}" for port in ports)
         link, theirs, codec = SharedLink(links, expects=True, signed=True), signing(), Codec(1, 1)
         client = link.expect(1, links=(0, 1))
-        with Tlog(path, lambda: NOW_US) as tlog, udp_socket() as router:
+        with Tlog(path, lambda: NOW_US, pytest.fail) as tlog, udp_socket() as router:
             async with Connection(
                 links, link, clock_us, tlog=tlog, signing=signing(), link_id=(7, 9)
             ) as connection:
