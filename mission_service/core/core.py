@@ -417,7 +417,7 @@ class Core:
             return [*commands, *self._on_the_ground(vehicle, fix)]
         if self._starts.is_due(vehicle, at_s):
             return [*commands, *self._starts.start_mission(vehicle, at_s)]
-        if vehicle.pending is None and must_return(vehicle):
+        if must_return(vehicle):  # also during an upload, which may take minutes on a lossy link
             led_home = self.guidance.way_home(vehicle, fix)
             return [*commands, *(self._send_home(vehicle, fix) if led_home is None else led_home)]
         return [*commands, *self.guidance.lead(vehicle, fix)]

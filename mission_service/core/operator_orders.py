@@ -91,7 +91,10 @@ class OperatorOrders:
             return [announce(vehicle, words, warning=True)]
         time_up = self._time_up(vehicle, event)
         if time_up and not event.confirmed:
-            return _question(vehicle, f"it does not have enough energy to {event.order}: {time_up}")
+            why = f"it does not have enough energy to {event.order}: {time_up}"
+            if vehicle.availability.needs_confirmation(event.order):
+                why += f"; {_ended_mode(vehicle, event.order)}"
+            return _question(vehicle, why)
         was_taken_over = vehicle.availability.taken_over
         if self.decision_engine.apply_order(vehicle.name, event):
             vehicle.energy.flies_on = bool(time_up)
@@ -106,14 +109,7 @@ class OperatorOrders:
         if event.by == events.SERVICE:
             words = f"no order is sent: it stays in {named_mode(vehicle.availability.mode)}"
             return [announce(vehicle, words)]
-        availability = vehicle.availability
-        why = (
-            "which its autopilot or pilot selected"
-            if availability.taken_over
-            else "while its autopilot reports a failsafe"
-        )
-        chosen = f"{named_mode(availability.mode)}, {why}"
-        return _question(vehicle, f"{event.order} would end {chosen}")
+        return _question(vehicle, _ended_mode(vehicle, event.order))
 
     def _time_up(self, vehicle: Vehicle, event: events.OrderGiven) -> str:
         """Return why low energy makes an order to fly need confirmation; "" if it does not."""
@@ -332,6 +328,17 @@ def _takeoff_begun(vehicle: Vehicle) -> str:
     if signed_off is not None and vehicle.start_is_pending:
         return f"{signed_off.by} has already signed off its takeoff"
     return ""
+
+
+def _ended_mode(vehicle: Vehicle, order: events.Order) -> str:
+    """Return which mode of the autopilot or the pilot an order would end."""
+    availability = vehicle.availability
+    why = (
+        "which its autopilot or pilot selected"
+        if availability.taken_over
+        else "while its autopilot reports a failsafe"
+    )
+    return f"{order} would end {named_mode(availability.mode)}, {why}"
 
 
 def _question(vehicle: Vehicle, why: str) -> list[AnyCommand]:

@@ -196,6 +196,18 @@ def test_an_order_to_fly_on_beyond_the_limit_needs_a_confirmation(land: Landscap
     assert not questions(order(flight, "hold"))
 
 
+def test_one_question_states_the_energy_and_the_mode_that_an_order_would_end(
+    land: Landscape,
+) -> None:
+    flight = Flight(land, *LONG)
+    flight.mode("manual")
+    flight.at(150.0, later_s=810.0)
+    (question,) = questions(order(flight, "resume"))
+    assert "it does not have enough energy to resume" in question
+    assert "; resume would end mode manual, which its autopilot or pilot selected" in question
+    assert flight.core.vehicles["hawk"].availability.taken_over
+
+
 def test_an_order_before_the_limit_needs_no_confirmation(land: Landscape) -> None:
     flight = Flight(land, *LONG)
     flight.at(150.0, later_s=300.0)

@@ -9,13 +9,14 @@ from typing import Any
 
 import pytest
 
-from mission_service.commands import Hold, UploadMission
+from mission_service.commands import ClimbAndHold, GoAround, Hold, HoldAt, UploadMission
 from mission_service.config.scenario import flying, load_scenario
 from mission_service.errors import NotRecordedError
 from mission_service.events import (
     Aborted,
     Corrected,
     MissionReadBack,
+    ModeChanged,
     OperatorHeartbeat,
     OrderGiven,
     Resumed,
@@ -25,6 +26,7 @@ from mission_service.events import (
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
+from mission_service.runtime.alarms.unrecorded_events import UnrecordedEvents
 from mission_service.simulation.sim import Simulation
 
 FROM_S = 3590.0
@@ -211,3 +213,35 @@ def _refuses(event: Any) -> None:
     from firemodel.errors import FireModelError
 
     raise FireModelError("that cannot be")
+
+
+class Shown:
+    """A view that stores the announcements."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def announce(self, name: str, text: str, level: str) -> None:
+        self.texts.append(text)
+
+    def alarm(self, *shown: str) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("command", "kept"),
+    [
+        (Hold("hawk"), True),
+        (HoldAt("hawk", 36.0, -84.0, 500.0), True),
+        (ClimbAndHold("hawk", 36.0, -84.0, 500.0), True),
+        (GoAround("hawk", 36.0, -84.0, 500.0), True),
+        (Hold("kite"), False),
+    ],
+)
+def test_an_abort_ends_no_mode_that_was_selected_while_the_journal_could_not_be_written(
+    command: Any, kept: bool
+) -> None:
+    unrecorded, view = UnrecordedEvents(), Shown()
+    unrecorded.show(ModeChanged(0, "hawk", 2, True, "manual"), view)  # type: ignore[arg-type]
+    assert unrecorded.keeps_mode(command, view) == kept  # type: ignore[arg-type]
+    assert view.texts == ["stays in mode manual, which was selected meanwhile"] * kept

@@ -21,6 +21,7 @@ from mission_service.events import (
     LinkLost,
     LinkRestored,
     ModeChanged,
+    OrderGiven,
     Telemetry,
     UploadFinished,
     VehicleConnected,
@@ -71,6 +72,7 @@ class Flight:
         self.planner = Watched()
         self.core.decision_engine.planners["hawk"] = self.planner  # type: ignore[index]
         self.at_s = scenario.deploy_at_s
+        self.finishes_uploads = True
         self.handle(VehicleConnected(self.at_us, "hawk", "a stack", True))
         self.at(0.0)
         self.mode("mission")
@@ -83,7 +85,7 @@ class Flight:
     def handle(self, event: AnyEvent) -> list[AnyCommand]:
         commands = self.core.handle(event)
         for command in commands:
-            if isinstance(command, UploadMission):
+            if isinstance(command, UploadMission) and self.finishes_uploads:
                 done = UploadFinished(self.at_us, "hawk", command.mission_id, "accepted", "")
                 commands = [*commands, *self.core.handle(done)]
         return commands
@@ -121,6 +123,18 @@ def test_it_is_sent_home_while_its_time_in_the_air_still_takes_it_there(land: La
     places = flight.planner.places
     assert acts(flight.at(150.0, later_s=30.0)) == []
     assert flight.planner.places == places
+
+
+def test_it_is_sent_home_during_an_upload(land: Landscape) -> None:
+    flight = Flight(land, *LONG)
+    flight.finishes_uploads = False
+    flight.mode("hold")
+    flight.handle(OrderGiven(flight.at_us, "ann", "", "hawk", "resume", True))
+    flight.handle(LinkLost(flight.at_us, "hawk", 3.0))
+    flight.handle(LinkRestored(flight.at_us, "hawk"))
+    flight.at(150.0, later_s=10.0)
+    assert flight.core.vehicles["hawk"].pending is not None
+    assert returns(flight.at(150.0, later_s=810.0))
 
 
 def test_wind_makes_the_way_home_longer(land: Landscape) -> None:

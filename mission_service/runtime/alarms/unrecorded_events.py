@@ -1,6 +1,6 @@
 """Shows events that the journal refuses, or that occur while the journal cannot be written."""
 
-from mission_service.commands import AnyCommand, ClimbAndHold, Hold
+from mission_service.commands import AnyCommand, UploadMission
 from mission_service.errors import RefusedEventError
 from mission_service.events import (
     AnyEvent,
@@ -11,7 +11,7 @@ from mission_service.events import (
 )
 from mission_service.journal.journal_file import event_body
 from mission_service.runtime.state_view import StateView
-from mission_service.vehicles.availability import MISSION, named_mode
+from mission_service.vehicles.availability import LEADS_TO, MISSION, named_mode
 
 
 class UnrecordedEvents:
@@ -65,7 +65,8 @@ class UnrecordedEvents:
     def keeps_mode(self, command: AnyCommand, view: StateView) -> bool:
         """Return whether an abort's command is withheld because a mode was not journalled."""
         mode = self._modes.get(command.vehicle, MISSION)
-        if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
+        changes_mode = type(command) in LEADS_TO and not isinstance(command, UploadMission)
+        if not changes_mode or mode == MISSION:
             return False
         words = f"stays in {named_mode(mode)}, which was selected meanwhile"
         view.announce(command.vehicle, words, "warning")
