@@ -396,6 +396,7 @@ async def _resume(
     last_us = max(interrupted.last_us, service.statistics.at_us)
     restart = resumed(last_us, down_s)
     clock.go_on(restart.at_us, began_us)
+    clock.autopilot_passed(restart.at_us, began_us)
     service.state_view.clear_all_but("abort", *OF_FIRE)
     service.state_view.last_id_before_restart = service.state_view.announcement_id
     service.resume(interrupted.missing, restart, clock_us(), interrupted.skips(last_us))

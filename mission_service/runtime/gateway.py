@@ -91,6 +91,9 @@ StatusChanged = (
 # mission time.
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
+# Mission time continues without the autopilots' clocks if none of them has been reported for
+# SILENT_US. Its rate is measured over the last RATE_FROM_US / 2 or longer.
+SILENT_US, RATE_FROM_US = 10_000_000, 60_000_000
 MAX_IMAGE_DELAY_US = 10_000_000  # maximum delay from an image to its report
 BETWEEN_POSITIONS_US = 1_000_000  # mission time is the time of the last position
 
@@ -120,8 +123,9 @@ class MissionClock:
     In a simulation that runs faster than real time, the autopilots' clocks synchronise fire and
     flight. The first autopilot begins at ``start_us``. If an autopilot connects later, is restarted
     or has a slower clock, its time is set to the current mission time, because a team ignores a
-    vehicle whose time lags behind. With the wall clock, mission time is ``start_us`` plus the time
-    since the service began.
+    vehicle whose time lags behind. While no autopilot reports its time, for example because all of
+    them are switched off between two flights, mission time continues at its last rate. With the
+    wall clock, mission time is ``start_us`` plus the time since the service began.
     """
 
     def __init__(self, start_us: int, wall: bool) -> None:
@@ -132,6 +136,10 @@ class MissionClock:
         self.ahead_us: int | None = None
         self._start_us = start_us
         self._began_us: int | None = None
+        # With the autopilots' clocks: the machine's time and the mission time of the last report,
+        # and the recent amounts by which both advanced.
+        self._reported_us: tuple[int, int] | None = None
+        self._advanced_us = (0, 0)
 
     def go_on(self, mission_us: int, wall_us: int) -> None:
         """Set the mission time at machine time ``wall_us``; call only before vehicles connect."""
@@ -139,17 +147,41 @@ class MissionClock:
         self._began_us = wall_us if self.wall else None
 
     def wall_passed(self, wall_us: int) -> None:
-        """Advance to the machine's time; no effect if the autopilots' clocks are used."""
+        """Advance to the machine's time.
+
+        If the autopilots' clocks are used, this has an effect only if none of them has reported its
+        time for ``SILENT_US``.
+        """
         if not self.wall:
+            self._continue(wall_us)
             return
         if self._began_us is None:
             self._began_us = wall_us
         self.now_us = max(self.now_us, self._start_us + wall_us - self._began_us)
 
-    def autopilot_passed(self, mission_us: int) -> None:
+    def autopilot_passed(self, mission_us: int, wall_us: int) -> None:
         """Advance to the mission time of an autopilot's clock."""
         self.now_us = max(self.now_us, mission_us)
         self.latest_us = max(self.latest_us, mission_us)
+        if self._reported_us is not None:
+            wall_passed_us, mission_passed_us = self._advanced_us
+            passed_us = wall_us - self._reported_us[0]
+            if passed_us <= SILENT_US:
+                wall_passed_us += passed_us
+                mission_passed_us += self.latest_us - self._reported_us[1]
+            if wall_passed_us > RATE_FROM_US:
+                wall_passed_us, mission_passed_us = wall_passed_us // 2, mission_passed_us // 2
+            self._advanced_us = wall_passed_us, mission_passed_us
+        self._reported_us = wall_us, self.latest_us
+
+    def _continue(self, wall_us: int) -> None:
+        if self._reported_us is None or wall_us - self._reported_us[0] <= SILENT_US:
+            return
+        wall_passed_us, mission_passed_us = self._advanced_us
+        rate = mission_passed_us / wall_passed_us if wall_passed_us > 0 else 1.0
+        passed_us = round((wall_us - self._reported_us[0]) * rate)
+        self.now_us = max(self.now_us, self._reported_us[1] + passed_us)
+        self.latest_us = max(self.latest_us, self.now_us)
 
     def others_passed(self, mission_us: int, wall_us: int) -> None:
         """Advance to another process's mission time; lagging vehicle clocks are set to that time.
@@ -293,7 +325,7 @@ class Gateway:
     def _mission_us(self, boot_us: int, now_us: int) -> int:
         if self._clock.ahead_us is not None:
             mission_us = boot_us + self._clock.ahead_us
-            self._clock.autopilot_passed(mission_us)
+            self._clock.autopilot_passed(mission_us, now_us)
             return mission_us
         if self._clock.wall:
             return self._clock.now_us
@@ -301,7 +333,7 @@ class Gateway:
             self._offset_us = self._clock.latest_us - boot_us
             self._min_behind_us, self._watched_from_us = 0, now_us
         mission_us = self._offset_us + boot_us
-        self._clock.autopilot_passed(mission_us)
+        self._clock.autopilot_passed(mission_us, now_us)
         self._watch_behind(self._clock.latest_us - mission_us, now_us)
         return mission_us
 

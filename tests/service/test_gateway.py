@@ -179,6 +179,22 @@ def test_a_vehicle_that_joined_while_another_was_lost_is_seen_by_it() -> None:
     assert events[0][0].at_us - events[1][0].at_us == 0
 
 
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+def test_mission_time_continues_while_all_vehicles_are_switched_off(rate: float) -> None:
+    clock, client = MissionClock(0, wall=False), Client()
+    gateway = Gateway("hawk", client, clock)
+    for second in range(4000):
+        if 600 <= second < 1200:  # the batteries are changed
+            client.report(bridge.ClockChanged(second * 1_000_000))
+        elif not 2400 <= second < 2460:  # the link is lost
+            started_s = 0 if second < 600 else 1200
+            client.report(at(20.0 + rate * (second - started_s)))
+        list(gateway.events(second * 1_000_000))
+        assert clock.now_us / 1e6 == pytest.approx(rate * second, abs=rate * 12.0)
+        if second in (599, 1199, 1200, 2399, 2459, 2470, 3999):
+            assert clock.now_us / 1e6 == pytest.approx(rate * second, abs=rate * 1.01)
+
+
 def texts(*reported: tuple[float, int, str]) -> list[tuple[int, str]]:
     """Return the announced texts for texts sent at these seconds of the link's clock."""
     client = Client(
