@@ -255,10 +255,8 @@ async def _engine_of(
 ) -> Engine:
     """Return the engine of a new or resumed run; ``stack`` closes the journal."""
     references = Known(run.scenario, landscape)
-    interrupted = None
-    if run.resume:
-        interrupted = unfinished(run.journal_path, references, run.scenario, run.skip_unreadable)
-    down_from_s = last_written_s(run.journal_path) if interrupted else 0.0
+    interrupted, down_s = _interrupted(run, references, announcements.show)
+    down_until_us = clock_us()
     journal = _journal_of(run, references, interrupted, announcements.show)
     stack.callback(journal.close)
     broadcast = no_broadcast if exchange is None else exchange.broadcast
@@ -271,7 +269,8 @@ async def _engine_of(
     stack.callback(service.sensors.close)
     announcements.engine = service
     if interrupted is not None:
-        await _resume(interrupted, service, clock, wall_us() / 1e6 - down_from_s)
+        down_s += (clock_us() - down_until_us) / 1e6
+        await _resume(interrupted, service, clock, down_s)
         service.announce(
             "service", f"resumes the run of {run.journal_path}; earlier approvals are void"
         )
@@ -279,6 +278,29 @@ async def _engine_of(
             service.announce("service", f"journal line skipped: {why}")
     announcements.add_early()
     return service
+
+
+def _interrupted(
+    run: Run, references: Known, report: Callable[[str, str], None]
+) -> tuple[InterruptedRun | None, float]:
+    """Return the run to resume, if any, and the time in s since its journal was last written.
+
+    A run that was interrupted for longer than its duration is not resumed. Otherwise it would end
+    at once, and no vehicle in the air would be controlled: the computer's clock may have been wrong
+    before the interruption.
+    """
+    if not run.resume:
+        return None, 0.0
+    interrupted = unfinished(run.journal_path, references, run.scenario, run.skip_unreadable)
+    if interrupted is None:
+        return None, 0.0
+    down_s = wall_us() / 1e6 - last_written_s(run.journal_path)
+    if down_s > run.scenario.duration_s - run.scenario.start_s:
+        words = f"the run of {run.journal_path} is not resumed: it was interrupted"
+        words += f" {down_s / 3600.0:.1f} h ago, which is longer than its duration"
+        report("service", f"{words}; if that is not true, check the computer's clock")
+        return None, 0.0
+    return interrupted, down_s
 
 
 def _context_of(

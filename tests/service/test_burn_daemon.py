@@ -138,7 +138,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     assert (result.difference, result.cut_at_line) == (None, None)
 
     # The same again with a mission that has ended: the service ends normally.
-    os.utime(path, (time.time() - 3600.0, time.time() - 3600.0))
+    os.utime(path, (time.time() - 3550.0, time.time() - 3550.0))
     run(burned, tmp_path, None, killed=False)
     reader = SegmentReader(path)
     assert isinstance(events(path)[-1], Resumed)
@@ -153,6 +153,12 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     assert "begins a new run; the previous journal was renamed to journal-1.jsonl" in announcements
     assert (tmp_path / "journal-1.jsonl").read_bytes() == whole
     assert events(path) == []
+
+    # The computer's clock was wrong until the restart.
+    os.utime(path, (time.time() - 86_400.0, time.time() - 86_400.0))
+    announcements = run(burned, tmp_path, third, killed=True)
+    assert any("is not resumed: it was interrupted 24.0 h ago" in text for text in announcements)
+    assert "begins a new run; the previous journal was renamed to journal-2.jsonl" in announcements
 
 
 def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
