@@ -238,7 +238,7 @@ class Shown:
         (Hold("kite"), False),
     ],
 )
-def test_an_abort_ends_no_mode_that_was_selected_while_the_journal_could_not_be_written(
+def test_an_abort_ends_no_mode_that_was_selected_on_a_full_disk(
     command: Any, kept: bool
 ) -> None:
     unrecorded, view = UnrecordedEvents(), Shown()
