@@ -264,6 +264,9 @@ class Lock(Protocol):
     def on_commands(self, commands: Iterable[AnyCommand]) -> None:
         """Update the lock's state from the commands of the core."""
 
+    def unfinished_drops(self) -> list[Drop]:
+        """Return the ordered drops whose outcome has not been reported."""
+
     def refuses(self, drop: Drop, at_us: int) -> str | None:
         """Return the reason why a drop must not be ordered now, or None if the drop is allowed."""
 

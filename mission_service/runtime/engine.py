@@ -373,13 +373,18 @@ class Engine:
         """Continue a run after its journal's events were applied, and handle ``event``.
 
         ``missing`` contains the last commands, which the journal lacks and which are now written.
-        ``skipped`` records the lines of the journal that were not applied.
+        ``skipped`` records the lines of the journal that were not applied. No reply to a drop that
+        was ordered before the end of the service can arrive: its outcome is unknown.
         """
         self.sensors.skip(self._sensor_files.names())
         self.recording.write_commands(list(missing))
         if skipped is not None:
             self._handle(skipped, now_us)
         self._restart(event, now_us)
+        for drop in () if self._interlock is None else self._interlock.unfinished_drops():
+            named = (drop.vehicle, drop.plan_hash, drop.number)
+            why = "the service was restarted before the reply"
+            self._handle(DropFinished(event.at_us, *named, False, False, why), now_us)
 
     def _restart(self, event: Resumed, now_us: int) -> None:
         """Handle a restart, and read back each vehicle's mission once the vehicle is connected."""

@@ -62,7 +62,8 @@ def test_a_word_for_the_plan_proposed_counts() -> None:
     approvals = proposing()
     event = approved(approvals.plan_hash)
     approvals.on_operator_input(event)
-    assert approvals.approve(event) is None
+    assert approvals.refusal(event) is None
+    approvals.approve(event)
     assert approvals.approval is not None
     assert approvals.approval.by == "ada"
     assert approvals.expiry_reason(2_000_000) is None
@@ -70,7 +71,7 @@ def test_a_word_for_the_plan_proposed_counts() -> None:
 
 def test_a_word_for_another_plan_does_not() -> None:
     approvals = proposing()
-    why = approvals.approve(approved(plan_hash(a_plan(line=2))))
+    why = approvals.refusal(approved(plan_hash(a_plan(line=2))))
     assert why is not None
     assert "not" in why
     assert approvals.approval is None
@@ -78,20 +79,20 @@ def test_a_word_for_another_plan_does_not() -> None:
 
 def test_nor_a_word_from_elsewhere() -> None:
     approvals = proposing()
-    why = approvals.approve(approved(approvals.plan_hash, station="kitchen"))
+    why = approvals.refusal(approved(approvals.plan_hash, station="kitchen"))
     assert why == "'kitchen' is not an approval station (boss)"
 
 
 def test_nor_one_that_comes_too_late() -> None:
     approvals = proposing()
-    assert approvals.approve(approved(approvals.plan_hash, at_s=301.0)) == "the plan has expired"
+    assert approvals.refusal(approved(approvals.plan_hash, at_s=301.0)) == "the plan has expired"
 
 
 def test_nor_any_where_nothing_is_proposed() -> None:
     approvals = proposing()
     name = approvals.plan_hash
     approvals.withdraw()
-    assert approvals.approve(approved(name)) == "no plan is proposed"
+    assert approvals.refusal(approved(name)) == "no plan is proposed"
 
 
 def test_a_new_plan_ends_the_approval_of_the_old_one() -> None:

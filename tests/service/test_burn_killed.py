@@ -148,6 +148,9 @@ def test_the_state_is_restored_and_the_approval_is_void(flown: Burn, tmp_path: P
         guidance = again.guidance
         spheres = guidance.state.account.spheres
         assert {(each.plan_hash, each.number) for each in spheres} == dropped, where
+        assert all(each.outcome != "ordered" for each in spheres), where
+        lit_m = {(x, y) for x, y, _ in guidance.state.fire._sources.tolist()}
+        assert {each.falls_m for each in spheres if each.counts} <= lit_m, where
         assert flown.scenario.burn is not None
         assert guidance.state.account.left == flown.scenario.burn.spheres - len(dropped)
         assert len(guidance.state.fire.log.held()) == counts["Corrected"], where

@@ -29,6 +29,7 @@ from mission_service.events import (
     LinkLost,
     LinkRestored,
     MissionReadBack,
+    ModeChanged,
     OrderGiven,
     PlanRequested,
     Resumed,
@@ -373,6 +374,7 @@ def test_in_a_burn_drops_stop_and_no_plan_is_made_until_it_is_cancelled() -> Non
     name = home.name
     for event in (
         VehicleConnected(at_us, name, "a stack", True),
+        ModeChanged(at_us, name, 4, True, "mission"),
         Telemetry(at_us, name, home.home_lat_deg, home.home_lon_deg, 500.0, 80.0, 0.0, 0.0, 0.0),
     ):
         core.handle(event)

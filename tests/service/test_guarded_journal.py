@@ -238,9 +238,7 @@ class Shown:
         (Hold("kite"), False),
     ],
 )
-def test_an_abort_ends_no_mode_that_was_selected_on_a_full_disk(
-    command: Any, kept: bool
-) -> None:
+def test_an_abort_ends_no_mode_that_was_selected_on_a_full_disk(command: Any, kept: bool) -> None:
     unrecorded, view = UnrecordedEvents(), Shown()
     unrecorded.show(ModeChanged(0, "hawk", 2, True, "manual"), view)  # type: ignore[arg-type]
     assert unrecorded.keeps_mode(command, view) == kept  # type: ignore[arg-type]

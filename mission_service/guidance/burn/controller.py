@@ -299,17 +299,20 @@ class BurnFlight(Guidance):
     def _approved(self, event: Approved) -> list[AnyCommand]:
         items = self.checklist.open_items
         refused = (
-            self.approvals.approve(event) if not items else f"{len(items)} checklist items are open"
+            self.approvals.refusal(event) if not items else f"{len(items)} checklist items are open"
         )
-        plan = self.approvals.plan
+        plan, given = self.approvals.plan, self.approvals.approval
         if refused is not None or plan is None:
             words = self._announce(f"{REJECTED} approval by {event.by}: {refused}", warning=True)
-            repeated = event.plan_hash == self.approvals.plan_hash and self.approvals.approval
+            repeated = event.plan_hash == self.approvals.plan_hash and given is not None
             return [*words, *self._stop("the approval is uncertain")] if repeated else words
+        if given is not None and self.phase in ("approved", "flying"):
+            return self._announce(f"line {plan.line} is already approved by {given.by}")
         why = self._why_invalid(event.at_us / 1e6)
         if why is not None:
             words = self._announce(f"{REJECTED} approval by {event.by}", warning=True)
             return [*words, *self._stop(why)]
+        self.approvals.approve(event)
         self._flown = approved_plan_of(plan, self.state.landscape)
         self.phase, self._manual_control = "approved", False
         return self._announce(f"line {plan.line} approved by {event.by} at {event.station}")
@@ -450,7 +453,11 @@ class BurnFlight(Guidance):
         if not sphere.counts:
             return self._announce(f"drop {sphere.number + 1} refused: {event.reason}", warning=True)
         ignites_s = sphere.at_us / 1e6 + self.state.burn.ignition_delay_s
-        self.state.fire.hold((*sphere.falls_m, ignites_s))
+        source = (*sphere.falls_m, ignites_s)
+        if sphere.plan_hash == self.approvals.plan_hash:
+            self.state.fire.hold(source)
+        else:  # its line has ended
+            self.state.fire.ignite(np.array([source]))
         if event.done:
             return []
         return self._announce(f"drop {sphere.number + 1}: {event.reason}", warning=True)

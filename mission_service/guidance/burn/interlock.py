@@ -127,6 +127,7 @@ class Interlock:
         self._host_us: int | None = None
         self._vehicles: dict[str, _Vehicle] = {}
         self._ordered: dict[str, set[int]] = {}
+        self._unfinished: dict[tuple[str, int], Drop] = {}
         self._dropped_us: deque[int] = deque()
         self._at_us = 0
 
@@ -208,8 +209,10 @@ class Interlock:
                 vehicle.fix_good = event.good
             case HostTime():
                 self._host_us = event.monotonic_us
-            case DropFinished() if event.refused:
-                vehicle.used = max(0, vehicle.used - 1)
+            case DropFinished():
+                self._unfinished.pop((event.plan_hash, event.number), None)
+                if event.refused:
+                    vehicle.used = max(0, vehicle.used - 1)
 
     def _forget(self, name: str, linked: bool = False) -> None:
         """Discard the state that a vehicle has reported; keep the number of spheres used."""
@@ -270,6 +273,7 @@ class Interlock:
             self._dropped_us.popleft()
         self._vehicles.setdefault(drop.vehicle, _Vehicle()).used += 1
         self._ordered.setdefault(drop.plan_hash, set()).add(drop.number)
+        self._unfinished[drop.plan_hash, drop.number] = drop
 
     # Outputs -------------------------------------------------------------------------------------
 
@@ -307,6 +311,10 @@ class Interlock:
                 for name, vehicle in self._vehicles.items()
             },
         }
+
+    def unfinished_drops(self) -> list[Drop]:
+        """Return the ordered drops whose outcome has not been reported."""
+        return list(self._unfinished.values())
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
         """Return why a drop must not be sent at ``at_us``, or None if the drop is allowed."""

@@ -78,8 +78,8 @@ class ApprovalTracker:
         self._proposed_host_us = self._host_us
         return self.plan_hash
 
-    def approve(self, event: Approved) -> str | None:
-        """Apply an approval; return why it is rejected, or None if it is accepted."""
+    def refusal(self, event: Approved) -> str | None:
+        """Return why an approval is rejected, or None if it is accepted."""
         if event.station not in self._stations:
             stations = ", ".join(sorted(self._stations))
             return f"{event.station!r} is not an approval station ({stations})"
@@ -89,12 +89,15 @@ class ApprovalTracker:
             return f"the proposed plan is {self.plan_hash[:12]}, not {event.plan_hash[:12]}"
         if self.is_expired(event.at_us):
             return "the plan has expired"
+        return None
+
+    def approve(self, event: Approved) -> None:
+        """Apply an approval that is not rejected."""
         self._enter(PlanPhase.APPROVED)
         self.approval = PlanApproval(
             event.plan_hash, event.by, event.station, event.at_us, self._host_us
         )
         self._approver_us, self._approver_host_us = event.at_us, self._host_us
-        return None
 
     def is_expired(self, at_us: int) -> bool:
         """Return whether the current plan has expired; False without a plan."""
