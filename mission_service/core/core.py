@@ -203,7 +203,8 @@ class Core:
         A command is withheld if it would change a mode that the autopilot or the pilot selected, or
         if it would start a vehicle without an operator's order. A command that an operator
         confirmed is sent. A start ordered in the air is withheld from a vehicle that has landed
-        since, as is a hold that would make it take off again.
+        since, as is a hold that would make it take off again. No vehicle takes off while the
+        airspace is being cleared.
         """
         if type(command) not in LEADS_TO:
             return False
@@ -215,7 +216,9 @@ class Core:
             return True
         if isinstance(command, Land) and not availability.airborne:
             return True
-        if isinstance(command, StartMission) and availability.landed:
+        takes_off = isinstance(command, StartMission) and not availability.airborne
+        clears = takes_off and self.clearing.state.in_force
+        if clears or (isinstance(command, StartMission) and availability.landed):
             vehicle.end_intentions()
             vehicle.waits_for_operator = True
             return True

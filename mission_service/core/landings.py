@@ -110,7 +110,7 @@ class Landings:
         vehicle.landing_state.failures = 0
         words = announce(vehicle, f"landing: {why}")
         cleared = self.end(vehicle)
-        first = self._first_at_field(vehicle)
+        first = self._first_at_field(vehicle, at_s)
         if first is None:
             return [words, *cleared, *self._land(vehicle, at_s)]
         shown = self._enter(vehicle, LandingPhase.WAITING, at_s)
@@ -286,7 +286,7 @@ class Landings:
                 vehicle, "returns because of low energy, and waits at home for its landing"
             )
             return [words, Return(vehicle.name)]
-        if fit and self._first_at_field(vehicle) is None:
+        if fit and self._first_at_field(vehicle, fix.at_s) is None:
             obstacle = self.obstacle(vehicle)
             if obstacle:
                 return self._stop(vehicle, obstacle, fix.at_s)
@@ -370,12 +370,15 @@ class Landings:
         self.decision_engine.show_landing(shown, at_s)
         return [shown]
 
-    def _first_at_field(self, vehicle: Vehicle) -> str | None:
+    def _first_at_field(self, vehicle: Vehicle, at_s: float) -> str | None:
         """Return the vehicle whose landing this vehicle must wait for, if any."""
         own = vehicle.landing_state
         for other in self.vehicles.values():
             state = other.landing_state
+            limit_s = LIMITS_S.get(state.landing_phase, 0.0)  # its link may be lost
             if other is vehicle or math.dist(other.home_m, vehicle.home_m) > FIELD_M:
+                continue
+            if not (state.active and other.availability.reported_within(limit_s, at_s)):
                 continue
             waits_longer = state.landing_phase is LandingPhase.WAITING
             if own.landing_phase is LandingPhase.WAITING:

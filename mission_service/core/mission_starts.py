@@ -47,15 +47,19 @@ class MissionStarts:
             permitted, announced = vehicle.availability.position_good, list[AnyCommand]()
         else:
             permitted, announced = self._preflight.permits_start(vehicle, at_s)
-            permitted = permitted and self._may_take_off(vehicle, at_s)
+            waits = self._takeoff_obstacle(vehicle, at_s) if permitted else ""
+            if waits and waits != vehicle.takeoff_waits:
+                announced = [*announced, announce(vehicle, f"waits to take off: {waits}")]
+            vehicle.takeoff_waits = waits
+            permitted = permitted and not waits
         if permitted:
             return [*announced, StartMission(vehicle.name)]
         if vehicle.availability.airborne or not vehicle.waits_for_operator:
             vehicle.start_again_at_s = at_s + CHECK_EVERY_S
         return announced
 
-    def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
-        """Return whether a vehicle on the ground may take off now.
+    def _takeoff_obstacle(self, vehicle: Vehicle, at_s: float) -> str:
+        """Return why a vehicle on the ground must not take off now, or "".
 
         The vehicles of other processes report no positions during takeoff, so each vehicle has its
         own earliest takeoff time.
@@ -63,8 +67,8 @@ class MissionStarts:
         if self.scenario.only is not None:
             number = [section.name for section in self.scenario.vehicles].index(vehicle.name)
             if at_s < self.scenario.start_s + number * TAKEOFF_EVERY_S:
-                return False
-        return self.traffic.may_take_off(vehicle.name, at_s)
+                return "the vehicles of other processes take off first"
+        return self.traffic.takeoff_obstacle(vehicle.name, at_s)
 
     def may_repeat(self, vehicle: Vehicle) -> bool:
         """Return whether to repeat a start that the autopilot has refused.

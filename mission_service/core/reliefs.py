@@ -44,7 +44,9 @@ NOTICE_S = 180.0  # before a due takeoff, an alarm is raised if no vehicle may t
 MEETING_M = 300.0  # horizontal distance at which the vehicle on task leaves
 RUN_IN_M = 200.0  # length of the straight run-in to the place of the task
 RESUMED_M, OVER_PLACE_M = 50.0, 20.0
-RESUME_LIMIT_S = 300.0  # if something keeps the vehicle from flying over the place
+# If something keeps the vehicle from flying over the place, for example closed airspace: the time
+# since it last came nearer by APPROACH_M.
+RESUME_LIMIT_S, APPROACH_M = 300.0, 20.0
 MOVED_M, MOVED_SHARE = 100.0, 0.15  # a meeting point that has moved less is not sent again
 FULL_PCT = 90.0
 LEFT_ENOUGH_S = 300.0  # time on task with which a vehicle that was lost resumes
@@ -81,6 +83,9 @@ class Reliefs:
         """Record orders that keep vehicles on the ground, and service restarts."""
         if isinstance(event, events.Aborted):
             self._ordered_down |= set(self._vehicles)
+        elif isinstance(event, events.ClearingOrdered):  # it orders down the others by name
+            flying = {name for name, each in self._vehicles.items() if each.availability.airborne}
+            self._ordered_down |= set(self._vehicles) - flying
         elif isinstance(event, events.OrderGiven) and event.by != events.SERVICE:
             named = set(self._vehicles) & (
                 {event.vehicle} if event.vehicle else set(self._vehicles)
@@ -144,6 +149,8 @@ class Reliefs:
         """Change the role of a vehicle that has landed, is leaving or does not take off."""
         availability = vehicle.availability
         on_ground = not (availability.airborne or availability.armed)
+        if availability.taken_over or (availability.airborne and availability.in_failsafe):
+            member.released = False  # its pilot or its autopilot lands it
         match member.role:
             case TaskRole.STANDS_BY:
                 if availability.airborne:
@@ -299,7 +306,7 @@ class Reliefs:
         return [*commands, *self._begin_to_resume(relief, vehicle)]
 
     def _begin_to_resume(self, member: TaskVehicle, vehicle: Vehicle) -> list[AnyCommand]:
-        member.nearest_m = math.inf
+        member.nearest_m = member.approach_m = math.inf
         if self.task.place is not None:
             self._guidance.send_to(member.name, self._path_to_place())
         return [announce(vehicle, "flies to the place where the task was left")]
@@ -315,7 +322,9 @@ class Reliefs:
         recedes = distance_m > member.nearest_m
         member.nearest_m = min(member.nearest_m, distance_m)
         over = distance_m <= OVER_PLACE_M or (recedes and member.nearest_m <= RESUMED_M)
-        late = at_s - member.since_s > RESUME_LIMIT_S and distance_m <= MEETING_M
+        if distance_m < member.approach_m - APPROACH_M:
+            member.approach_m, member.approach_s = distance_m, at_s
+        late = at_s - max(member.since_s, member.approach_s) > RESUME_LIMIT_S
         if not (over or late):
             return []
         words = f"resumes the task {member.nearest_m:.0f} m from where it was left"

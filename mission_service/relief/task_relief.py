@@ -78,6 +78,9 @@ class TaskVehicle:
     full_since_s: float | None = None  # since when it has reported a full battery on the ground
     unfit_since_s: float | None = None  # time since which it has not followed its mission
     nearest_m: float = math.inf  # least distance from the place of the task while it resumes
+    # The distance from this place, and the time, when the vehicle last came clearly nearer.
+    approach_m: float = math.inf
+    approach_s: float = -math.inf
     shown: tuple[ReliefRole, str] | None = None  # role and text as last shown
 
     @property

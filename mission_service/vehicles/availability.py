@@ -141,6 +141,10 @@ class VehicleAvailability:
         counted_on &= self.landing == "none"
         return counted_on and self.position_good and not self.taken_over
 
+    def reported_within(self, limit_s: float, at_s: float) -> bool:
+        """Return whether the vehicle reported a position at most ``limit_s`` ago."""
+        return self.fix is not None and at_s - self.fix.at_s <= limit_s
+
     def recent_wind(self, at_s: float) -> MeasuredWind | None:
         """Return the measured wind; None if there is none, or if it is too old."""
         wind = self.measured_wind

@@ -31,6 +31,7 @@ from mission_service.missions.separation import (
 )
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import VehicleAvailability
+from mission_service.vehicles.landing_state import LIMITS_S, LandingPhase
 
 Floats = NDArray[np.float64]
 
@@ -226,25 +227,28 @@ class TrafficManager:
         assert place is not None
         return place
 
-    def may_take_off(self, name: str, at_s: float) -> bool:
-        """Return whether a vehicle's home is clear of other vehicles; if so, record the takeoff."""
+    def takeoff_obstacle(self, name: str, at_s: float) -> str:
+        """Return why another vehicle prevents a takeoff; record the takeoff if none does."""
         own = self._all[name]
         for other in self._all.values():
             if other is own:
                 continue
-            fix = other.availability.fix
-            if other.availability.landing in DESCENDING:
-                place = other.home_m
-            elif other.availability.airborne and fix is not None and at_s - fix.at_s < STALE_S:
-                place = (fix.x_m, fix.y_m)
+            fix, availability = other.availability.fix, other.availability
+            lands = availability.landing in DESCENDING
+            if lands and availability.reported_within(
+                LIMITS_S[LandingPhase(availability.landing)], at_s
+            ):
+                place, why = other.home_m, "is landing"
+            elif availability.airborne and fix is not None and at_s - fix.at_s < STALE_S:
+                place, why = (fix.x_m, fix.y_m), f"is within {TAKEOFF_CLEAR_M:.0f} m of its home"
             elif at_s - other.started_at_s < TAKES_OFF_WITHIN_S:
-                place = other.home_m
+                place, why = other.home_m, "is taking off"
             else:
                 continue
             if math.dist(place, own.home_m) < TAKEOFF_CLEAR_M:
-                return False
+                return f"{other.section.name} {why}"
         own.started_at_s = at_s
-        return True
+        return ""
 
 
 def _path_ahead(own: Flown, fix: PositionFix) -> Floats:

@@ -105,6 +105,7 @@ class Vehicle:
     signed_off: SignOff | None = None  # until the takeoff, or until the sign-off ends
     preflight: PreflightState = field(default_factory=PreflightState)
     start_again_at_s: float | None = None
+    takeoff_waits: str = ""  # why a takeoff that is due waits, as last announced
     return_again_at_s: float | None = None
     going_home: bool = False  # whether the remaining energy is needed for the flight home
     sent_home: bool = False

@@ -551,10 +551,24 @@ def test_a_vehicle_that_waits_is_sent_home_at_the_end_of_its_endurance(land: Lan
     assert to_vehicle(flight.at(CRUISE_M, later_s=100.0)) == []
     assert to_vehicle(flight.at(CRUISE_M, later_s=800.0)) == [Return("hawk")]
     flight.mode("return")
+    flight.at(CRUISE_M, "kite")
     assert to_vehicle(flight.at(CRUISE_M, away_deg=0.002)) == []
     assert flight.phase() == "waiting"
     flight.mode("mission", "kite", armed=False)
     assert len(landing_uploads(flight.at(CRUISE_M, away_deg=0.002))) == 1
+
+
+def test_a_vehicle_whose_link_is_lost_in_its_landing_is_not_waited_for_any_longer(
+    land: Landscape,
+) -> None:
+    flight = two(land)
+    flight.approaches("kite")
+    flight.is_on_last_leg("kite")
+    flight.order("land")
+    flight.mode("hold")
+    flight.at(CRUISE_M, later_s=230.0)
+    assert flight.phase() == "waiting"
+    assert len(landing_uploads(flight.at(CRUISE_M, later_s=15.0))) == 1
 
 
 def test_at_other_fields_vehicles_land_at_the_same_time(land: Landscape) -> None:

@@ -1,5 +1,6 @@
 """Reliefs in flight in virtual time: handovers, failures, sign-offs, a restart of the service."""
 
+import math
 from pathlib import Path
 from typing import Any, cast
 
@@ -9,11 +10,12 @@ from autopilot_bridge.mock.failsafe_causes import Battery
 from mission_service.commands import Announce, RaiseAlarm
 from mission_service.config.scenario import Scenario
 from mission_service.core.landings import LANDS_BELOW_M
-from mission_service.events import Order, OrderGiven
+from mission_service.events import AirspaceClosed, ClearingOrdered, Order, OrderGiven
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.relief.task_relief import TaskRole
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
+from mission_service.vehicles.landing_state import LandingPhase
 from tests.service.dead_autopilot import Dead
 from tests.service.relief_flights import (
     relief_scenario,
@@ -302,4 +304,92 @@ def test_with_a_standing_sign_off_a_vehicle_is_ready_some_time_after_its_battery
     flight.fly(60.0)
     assert not hawk.waits_for_operator
     flight.until("hawk", TaskRole.ON_TASK)
+    flight.over()
+
+
+def always_full(folder: Path, **relief: object) -> Flight:
+    """Return a flight of two vehicles whose batteries are full all the time."""
+    flight = Flight(folder, relief_scenario(2, standing_signoff=True, ready_after_s=1.0, **relief))
+    for name in ("hawk", "kite"):
+        flight.mock(name).flight.battery.percent = 100.0
+    return flight
+
+
+@pytest.mark.long
+def test_a_vehicle_that_its_pilot_landed_needs_another_sign_off(tmp_path: Path) -> None:
+    flight = always_full(tmp_path)
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.until("hawk", TaskRole.LEAVES)
+    flight.fly(3.0)
+    flight.mock("hawk").flight.set_mode("land", flight.simulation.link_us / 1e6)
+    flight.until("hawk", TaskRole.STANDS_BY)
+    flight.fly(120.0)
+    assert flight.texts()[0] == "waits for sign-off"
+    assert flight.simulation.core.vehicles["hawk"].waits_for_operator
+    flight.over()
+
+
+@pytest.mark.long
+def test_a_vehicle_that_is_lost_on_its_last_leg_keeps_others_on_the_ground_for_four_minutes(
+    tmp_path: Path,
+) -> None:
+    flight = Flight(tmp_path, relief_scenario(2))
+    flight.fly(3.0)
+    flight.order("start", "hawk")
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.order("land", "hawk")
+    vehicles = flight.simulation.core.vehicles
+    while vehicles["hawk"].landing_state.landing_phase is not LandingPhase.FINAL:
+        flight.fly(1.0)
+    flight.kill("hawk")
+    flight.order("start", "kite")
+    flight.fly(150.0)
+    assert not vehicles["kite"].availability.airborne
+    texts = [each.text for each in flight.simulation.service.state_view.announcements]
+    assert "waits to take off: hawk is landing" in texts
+    flight.fly(100.0)
+    flight.order("start", "kite")
+    flight.until("kite", TaskRole.ON_TASK, 400.0)
+    flight.over()
+
+
+@pytest.mark.long
+def test_no_standing_sign_off_lasts_while_the_airspace_is_cleared(tmp_path: Path) -> None:
+    flight = always_full(tmp_path)
+    flight.until("kite", TaskRole.ON_TASK)
+    flight.until("hawk", TaskRole.STANDS_BY)
+    event = ClearingOrdered(flight.simulation.clock.now_us, "ann", "")
+    flight.simulation.service.submit(event, flight.simulation.link_us)
+    flight.until("kite", TaskRole.STANDS_BY)
+    for name in ("hawk", "kite"):
+        flight.mock(name).replace_battery()
+    flight.fly(120.0)
+    assert flight.texts() == ["waits for sign-off"] * 2
+    assert not any(flight.mock(name).flight.armed for name in ("hawk", "kite"))
+    flight.order("start", "hawk")
+    flight.until("hawk", TaskRole.ON_TASK)
+    flight.over()
+
+
+@pytest.mark.long
+def test_a_task_whose_place_lies_in_closed_airspace_is_resumed_outside(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, relief_scenario(2))
+    flight.fly(3.0)
+    flight.order("start", "hawk")
+    flight.until("hawk", TaskRole.LEAVES, 2400.0)
+    flight.until("hawk", TaskRole.STANDS_BY)
+    core, reliefs = flight.simulation.core, flight.simulation.core._reliefs
+    assert reliefs is not None
+    place = reliefs.task.place
+    assert place is not None
+    corners = []
+    for corner in range(12):
+        east_m, north_m = (420.0 * turn(corner * math.tau / 12.0) for turn in (math.cos, math.sin))
+        lat, lon = core.landscape.lat_lon_of(place.x_m + east_m, place.y_m + north_m)
+        corners.append((float(lat), float(lon)))
+    now_us = flight.simulation.clock.now_us
+    closed = AirspaceClosed(now_us, "ann", "", "tanker", tuple(corners), None, None)
+    flight.simulation.service.submit(closed, flight.simulation.link_us)
+    flight.order("start", "kite")
+    flight.until("kite", TaskRole.ON_TASK)
     flight.over()

@@ -31,7 +31,7 @@ from mission_service.missions.separation import (
     track_of,
 )
 from mission_service.position_fix import PositionFix
-from mission_service.vehicles.availability import VehicleAvailability
+from mission_service.vehicles.availability import AIRBORNE_M, VehicleAvailability
 from mission_service.vehicles.traffic import TrafficManager
 
 SEPARATION_M = 30.0
@@ -159,9 +159,11 @@ def test_no_vehicle_takes_off_into_the_approach_of_another(land: Landscape) -> N
     states[lands].airborne = True
     states[lands].fix = fix(0.0, 0.0, 18.0, 0.0)  # far from home
     states[lands].landing = "approach"
-    assert not traffic.may_take_off(starts, 0.0)
+    assert traffic.takeoff_obstacle(starts, 0.0) == f"{lands} is landing"
+    assert traffic.takeoff_obstacle(starts, 899.0)
+    assert not traffic.takeoff_obstacle(starts, 901.0)  # its link was lost on the approach
     states[lands].landing = "none"
-    assert traffic.may_take_off(starts, 0.0)
+    assert not traffic.takeoff_obstacle(starts, 0.0)
 
 
 class Flight:
@@ -181,6 +183,7 @@ class Flight:
         self, name: str, x_m: float, y_m: float, velocity: tuple[float, float], height_m: float
     ) -> list[AnyCommand]:
         lat, lon = (float(value) for value in self.land.lat_lon_of(x_m, y_m))
+        self.core.vehicles[name].availability.armed |= height_m >= AIRBORNE_M
         report = Telemetry(
             self.at_us, name, lat, lon, 400 + height_m, height_m, velocity[1], velocity[0], 0.0
         )
