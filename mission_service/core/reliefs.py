@@ -83,9 +83,9 @@ class Reliefs:
         """Record orders that keep vehicles on the ground, and service restarts."""
         if isinstance(event, events.Aborted):
             self._ordered_down |= set(self._vehicles)
-        elif isinstance(event, events.ClearingOrdered):  # it orders down the others by name
-            flying = {name for name, each in self._vehicles.items() if each.availability.airborne}
-            self._ordered_down |= set(self._vehicles) - flying
+        elif isinstance(event, events.ClearingOrdered):  # those in the air are ordered by name
+            for name, vehicle in self._vehicles.items():
+                self.task.members[name].released &= vehicle.availability.airborne
         elif isinstance(event, events.OrderGiven) and event.by != events.SERVICE:
             named = set(self._vehicles) & (
                 {event.vehicle} if event.vehicle else set(self._vehicles)
