@@ -23,7 +23,7 @@ Position = tuple[float, float, float]  # x, y, altitude above mean sea level, in
 LOITER_RADIUS_FACTOR = 1.3  # multiple of the radius, because loiters are flown wider
 BEHIND_RAD = math.radians(120.0)  # beyond this angle, the turn to a target may go to either side
 TURN_STEP_RAD = math.radians(15.0)
-RETURN_ABOVE_M = 150.0  # returns are checked up to this height above home
+RETURN_ABOVE_M = 150.0  # returns are checked up to this height above home, or a higher known one
 
 
 @dataclass(frozen=True, slots=True)

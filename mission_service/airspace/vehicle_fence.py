@@ -81,7 +81,8 @@ def _highest_m(vehicle: VehicleSection, scenario: Scenario, landscape: Landscape
     elevation_m = landscape.elevation_m
     ground_m = 0.0 if elevation_m is None else float(np.nanmax(elevation_m))
     burn_m = 0.0 if scenario.burn is None else scenario.burn.safe_height_m
-    return ground_m + max(vehicle.altitude_agl_m, burn_m, RETURN_ABOVE_M)
+    return_m = max(RETURN_ABOVE_M, vehicle.return_height_m or 0.0)
+    return ground_m + max(vehicle.altitude_agl_m, burn_m, return_m)
 
 
 def _unusable(volume: Volume, scenario: Scenario, top_m: float, landscape: Landscape) -> str:

@@ -21,7 +21,6 @@ from mission_service import events
 from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
-    RETURN_ABOVE_M,
     MissionPlace,
 )
 from mission_service.airspace.operational_intent import IntendedPart
@@ -41,7 +40,7 @@ from mission_service.commands import (
 from mission_service.config.scenario import Scenario
 from mission_service.core.airspace_evasions import NEAR_HOME_M, Evasions
 from mission_service.core.closed_airspace import ClosedAirspace
-from mission_service.core.flight_space import FlightSpace, position_of
+from mission_service.core.flight_space import FlightSpace, position_of, return_above_m
 from mission_service.core.place_checks import PlaceChecks
 from mission_service.core.return_ground import CLEAR_AGAIN_M, CLEARANCE_M, ReturnGround
 from mission_service.guidance.protocol import Guidance
@@ -307,6 +306,8 @@ class AirspaceGuard:
                     state.on_board, state.on_board_id, state.landing = (), 0, ()
             case events.ModeChanged():
                 state.began_at = None
+                if not event.armed or event.mode not in GOING_HOME:
+                    state.home_clear_version = -1
                 if not event.armed or event.mode in GOING_HOME:
                     state.evasion, state.failed_ways_home = Evasion.NONE, 0
             case events.LinkLost():
@@ -323,7 +324,7 @@ class AirspaceGuard:
         self._landings_version = self._closed.version
         for vehicle in self._vehicles.values():
             home_amsl_m = float(self._landscape.elevation_at(*vehicle.home_m))
-            near = airspace.blocked(home_amsl_m, home_amsl_m + RETURN_ABOVE_M)
+            near = airspace.blocked(home_amsl_m, home_amsl_m + return_above_m(vehicle))
             vehicle.landing.keep_clear_of(blocked_area(near, airspace.margins.horizontal_m))
 
     def _put_on_board(

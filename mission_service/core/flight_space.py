@@ -50,6 +50,12 @@ def position_of(fix: PositionFix) -> Position:
     return fix.x_m, fix.y_m, fix.altitude_m
 
 
+def return_above_m(vehicle: Vehicle) -> float:
+    """Return the height above home up to which a vehicle's returns are checked."""
+    known_m = (vehicle.return_flight.height_m, vehicle.section.return_height_m)
+    return max((RETURN_ABOVE_M, *(height_m for height_m in known_m if height_m is not None)))
+
+
 class FlightSpace:
     """The space occupied by flights over a landscape."""
 
@@ -149,7 +155,7 @@ class FlightSpace:
         landing in its mission, it flies straight to the landing's loiter and glides home.
         """
         home_altitude_m = self._home_altitude_m(vehicle)
-        high_m = max(fix.altitude_m, home_altitude_m + RETURN_ABOVE_M)
+        high_m = max(fix.altitude_m, home_altitude_m + return_above_m(vehicle))
         goal_m = self.return_goal_m(vehicle, state)
         goal = (*goal_m, home_altitude_m)
         routes = [[*entry, goal] for entry in self._entries(vehicle, fix, goal_m)]
@@ -195,7 +201,7 @@ class FlightSpace:
             turn_m = 2.0 * section.turn_radius_m
         field = disc(*vehicle.home_m, landing_m, home_amsl_m, home_amsl_m)
         shapes = [part.shape for part in (*parts, *way_home, field)]
-        highest_m = max(home_amsl_m + RETURN_ABOVE_M, *(part.highest_m for part in parts))
+        highest_m = max(home_amsl_m + return_above_m(vehicle), *(part.highest_m for part in parts))
         back = Part(shapely.union_all(shapes).convex_hull, home_amsl_m, highest_m)
         named = [IntendedPart(_purpose(vehicle, part), part, hold_m) for part in parts]
         return [*named, IntendedPart("return and landing", back, hold_m + turn_m)]

@@ -9,7 +9,14 @@ from autopilot_bridge.items import has_position, waypoint
 from benchmarks.worlds.ground import CENTRE, Terrain, lat_lon_of, plane_m
 from benchmarks.worlds.light_flight import LightCore
 from benchmarks.worlds.random_world import landscape_of
-from mission_service.commands import AnyCommand, HoldAt, RaiseAlarm, StartMission, UploadMission
+from mission_service.commands import (
+    AnyCommand,
+    HoldAt,
+    RaiseAlarm,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config.scenario import load_scenario
 from mission_service.events import (
     AirspaceClosed,
@@ -105,6 +112,28 @@ def test_a_way_home_that_is_still_free_is_started() -> None:
     flight.close("elsewhere", (0.0, 1900.0), 100.0)
     accepted = UploadFinished(flight.us, "hawk", around.mission_id, "accepted", "")
     assert of_kind(StartMission, flight.core.handle(accepted))
+
+
+def test_a_return_is_checked_up_to_its_known_height() -> None:
+    for settings, reroutes in (((), False), (("vehicles.0.return_height_m=250",), True)):
+        flight = Flight((-770.0, -730.0), 150.0, *settings)
+        flight.close("high", (0.0, 0.0), 150.0, floor_amsl_m=GROUND_M + 220.0)
+        assert bool(of_kind(UploadMission, flight.order("return"))) == reroutes
+
+
+def test_a_return_by_a_failsafe_is_checked_whatever_return_was_clear_before() -> None:
+    flight = Flight((770.0, 0.0), 150.0)
+    flight.close("between", (0.0, 0.0), 150.0)
+    assert of_kind(Return, flight.order("return"))
+    flight.core.handle(ModeChanged(flight.us, "hawk", 0, True, "return"))
+    flight.core.handle(ModeChanged(flight.us, "hawk", 0, True, "mission"))
+    flight.place_m = (-770.0, -730.0)
+    flight.order("resume")
+    flight.now_s += 100.0
+    flight.report(150.0)
+    commands = flight.core.handle(ModeChanged(flight.us, "hawk", 0, True, "return"))
+    texts = [each.text for each in of_kind(RaiseAlarm, [*commands, *flight.report(150.0)])]
+    assert any("would enter the closed volume 'between'" in text for text in texts)
 
 
 def test_a_low_multirotor_leaves_below_a_volume_above() -> None:
