@@ -16,9 +16,13 @@ from mission_service.runtime.run_statistics import RunStatistics
 
 
 def alarm(
-    key: str = "link/hawk", severity: Severity = "severe", text: str = "lost", by: str = ""
+    key: str = "link/hawk",
+    severity: Severity = "severe",
+    text: str = "lost",
+    by: str = "",
+    at_us: int = 0,
 ) -> Alarm:
-    return Alarm(key, 0, "hawk", severity, text, acknowledged_by=by)
+    return Alarm(key, at_us, "hawk", severity, text, acknowledged_by=by)
 
 
 def dispatch(**settings: Any) -> AlarmDispatch:
@@ -100,6 +104,18 @@ def test_an_alarm_that_begins_again_before_its_end_was_sent_is_sent_as_new() -> 
     assert sent(found, [alarm()], 100.0) == "ALARM: lost"
 
 
+def test_an_alarm_that_begins_again_between_two_checks_is_sent_as_new() -> None:
+    found = dispatch()
+    assert sent(found, [alarm()], 0.0) == "ALARM: lost"
+    assert sent(found, [alarm(at_us=1, text="lost again")], 1.0) == "ALARM: lost again"
+    assert sent(found, [alarm(at_us=1, text="lost again")], 2.0) == ""
+    later = dispatch(after_s=300.0)
+    assert sent(later, [alarm()], 0.0) == ""
+    assert sent(later, [alarm()], 300.0) == "ALARM: lost"
+    assert sent(later, [alarm(at_us=1)], 301.0) == "Ended: lost"
+    assert sent(later, [alarm(at_us=1)], 601.0) == "ALARM: lost"
+
+
 def test_an_alarm_that_becomes_severe_must_be_acknowledged_again() -> None:
     notices = Notices(0, RunStatistics((), 0, None))  # type: ignore[arg-type]
     notices.alarm("link/hawk", "weak")
@@ -121,3 +137,26 @@ def test_a_warning_that_becomes_severe_is_sent_again() -> None:
     assert sent(found, [alarm()], 2.0) == ""
     assert sent(found, [warning], 3.0) == ""
     assert sent(found, [], 4.0) == "Ended: weak"
+
+
+def test_a_severe_alarm_that_becomes_a_warning_ends_only_when_it_is_gone() -> None:
+    found = dispatch(repeat_s=60.0)
+    warning = alarm(severity="warning", text="weak")
+    assert sent(found, [alarm()], 0.0) == "ALARM: lost"
+    message = found.next_message([warning], 1.0)
+    assert message is not None
+    assert (message.title, message.body) == ("east: Change of alarms", "Now a warning: weak")
+    found.failed(1.0)
+    assert sent(found, [warning], 1.0 + FIRST_RETRY_S) == "Now a warning: weak"
+    assert sent(found, [warning], 200.0) == ""
+    assert sent(found, [alarm()], 201.0) == "ALARM: lost"
+    assert sent(found, [warning], 202.0) == "Now a warning: weak"
+    assert sent(found, [], 203.0) == "Ended: weak"
+    assert sent(found, [warning], 204.0) == ""
+
+
+def test_an_alarm_that_becomes_a_warning_before_it_is_due_is_not_sent() -> None:
+    found = dispatch(after_s=300.0)
+    assert sent(found, [alarm()], 0.0) == ""
+    assert sent(found, [alarm(severity="warning")], 1.0) == ""
+    assert sent(found, [], 400.0) == ""

@@ -111,3 +111,20 @@ def test_many_alarms_are_sent_in_several_rounds() -> None:
     many = [alarm(f"link/{number}", text=f"lost {number}") for number in range(25)]
     counts = [len(chat.send(many)) for _ in range(4)]
     assert counts == [MAX_A_ROUND, MAX_A_ROUND, 5, 0]
+
+
+def test_a_severe_alarm_that_becomes_a_warning_is_cleared_only_when_it_is_gone() -> None:
+    chat = Chat()
+    warning = alarm(severity="warning", text="weak")
+    assert chat.send([alarm()]) == ["ALARM lost"]
+    assert chat.send([warning]) == ["Now a warning: weak"]
+    assert chat.send([alarm(severity="warning", text="weaker")]) == []
+    chat.chat.connection_lost(0)
+    assert chat.send([warning]) == ["Now a warning: weak"]
+    assert chat.uids[1] == chat.uids[2]
+    assert chat.send([alarm()]) == ["ALARM lost"]
+    assert chat.send([warning]) == ["Now a warning: weak"]
+    assert chat.send([]) == ["Alarm cleared: weak"]
+    assert chat.send([warning]) == []
+    assert chat.send([alarm()]) == ["ALARM lost"]
+    assert chat.send([alarm(severity="warning", at_us=1)]) == ["Alarm cleared: lost"]

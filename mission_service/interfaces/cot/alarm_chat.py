@@ -12,6 +12,12 @@ UNSURE_US = 15_000_000  # a message sent within this time before a connection lo
 REPEAT_US = 60_000_000  # after a loss, other clients of the server may take this long to reconnect
 
 Level = Literal["none", "severe", "all"]
+Stage = Literal["active", "warning", "ended"]  # "warning": was severe, and no longer is
+PREFIXES: dict[Stage, str] = {
+    "active": "ALARM",
+    "warning": "Now a warning:",
+    "ended": "Alarm cleared:",
+}
 
 
 class _Message(NamedTuple):
@@ -19,19 +25,20 @@ class _Message(NamedTuple):
 
     alarm: Alarm
     number: int = 0  # index among the messages about the alarm; 0 for its beginning
-    is_end: bool = False
+    stage: Stage = "active"
     sent_us: int = 0  # monotonic; 0 before sending
     is_lost: bool = False  # some clients may not have received the message
 
     @property
     def line(self) -> str:
         """The text of the message."""
-        return f"{'Alarm cleared:' if self.is_end else 'ALARM'} {self.alarm.text}"
+        return f"{PREFIXES[self.stage]} {self.alarm.text}"
 
 
 class AlarmChat:
     """The chat messages of one run: one at the start, at each change and at the end of an alarm.
 
+    An alarm that becomes a warning, which is not sent, has one more message before that of its end.
     A repeated message has the same identifier as before, so that clients show one message.
     """
 
@@ -84,7 +91,7 @@ class AlarmChat:
         if self._repeat_since_us is None:
             old_us = now_us - UNSURE_US
             for key, each in list(self._latest.items()):
-                if each.is_end and not each.is_lost and each.sent_us < old_us:
+                if each.stage == "ended" and not each.is_lost and each.sent_us < old_us:
                     del self._latest[key]
         elif self._repeat_at_us is not None and now_us >= self._repeat_at_us:
             self._mark_lost(self._repeat_since_us)
@@ -97,22 +104,29 @@ class AlarmChat:
 
     def _changes(self, alarms: Iterable[Alarm]) -> Iterator[_Message]:
         """Yield the next message about each alarm that has changed or whose message was lost."""
-        active = {each.alarm: each for each in alarms if self._is_sent(each)}
-        for key, alarm in active.items():
-            before = self._latest.get(key)
-            if before is None or before.alarm.at_us != alarm.at_us:
-                yield _Message(alarm)
-            elif before.is_end or before.alarm.text != alarm.text:
-                yield _Message(alarm, before.number + 1)
-            elif before.is_lost:
-                yield before
-        for key, before in self._latest.items():
-            if key in active:
-                continue
-            if not before.is_end:
-                yield before._replace(number=before.number + 1, is_end=True)
-            elif before.is_lost:
-                yield before
+        active = {each.alarm: each for each in alarms}
+        for key in dict.fromkeys((*active, *self._latest)):
+            message = self._next(self._latest.get(key), active.get(key))
+            if message is not None:
+                yield message
+
+    def _next(self, before: _Message | None, alarm: Alarm | None) -> _Message | None:
+        """Return the next message about an alarm, of which ``alarm`` is None unless it is active.
+
+        ``before`` is the latest message about an alarm with the same key.
+        """
+        is_same = before is not None and alarm is not None and before.alarm.at_us == alarm.at_us
+        if alarm is not None and self._is_sent(alarm):
+            if before is None or not is_same:
+                return _Message(alarm)
+            if before.stage != "active" or before.alarm.text != alarm.text:
+                return _Message(alarm, before.number + 1)
+        elif before is not None and before.stage != "ended":
+            if alarm is None or not is_same:
+                return before._replace(number=before.number + 1, stage="ended")
+            if before.stage == "active":
+                return _Message(alarm, before.number + 1, "warning")
+        return before if before is not None and before.is_lost else None
 
     def _is_sent(self, alarm: Alarm) -> bool:
         return self._level == "all" or (self._level == "severe" and alarm.severity == "severe")

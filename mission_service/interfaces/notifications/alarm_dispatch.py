@@ -1,4 +1,4 @@
-"""Selects the alarms that are due for a receiver: first message, repetition, end, retry. Pure."""
+"""Selects the alarms to send to a receiver: first message, repetition, change, retry. Pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,21 +15,26 @@ OWN_KIND = "notification"  # alarms about messages that were not delivered
 
 
 class AlarmMessage(NamedTuple):
-    """A message with all alarms that are due; ``begun`` and ``ended`` are keys of alarms."""
+    """A message with all alarms that are due; ``begun`` and ``changed`` are keys of alarms."""
 
     title: str
     body: str
     begun: tuple[str, ...]
-    ended: tuple[str, ...]
+    changed: tuple[str, ...]  # ended, or became a warning that does not concern the receiver
 
 
 @dataclass
 class _Active:
-    """An alarm that concerns the receiver; ``sent_s`` is None before its first message."""
+    """An alarm that concerns the receiver, or that was sent and has become a warning.
+
+    ``sent_s`` is None before its first message. ``is_pending`` is true until its first message, and
+    again when it has become severe.
+    """
 
     alarm: Alarm
     since_s: float
     sent_s: float | None = None
+    is_pending: bool = True
 
 
 class AlarmDispatch:
@@ -39,67 +44,81 @@ class AlarmDispatch:
         """Send alarms of the run ``site`` to ``receiver``."""
         self._receiver, self._site = receiver, site
         self._active: dict[str, _Active] = {}
-        self._ended: dict[str, str] = {}  # texts of alarms that were sent and have ended
+        self._changed: dict[str, str] = {}  # lines to send, about alarms that were sent
         self._failures = 0
         self._not_before_s = 0.0
 
     def next_message(self, alarms: Iterable[Alarm], now_s: float) -> AlarmMessage | None:
         """Return the message to send now, or None; call ``delivered`` or ``failed`` afterwards."""
-        self._follow({each.alarm: each for each in alarms if self._concerns(each)}, now_s)
+        self._follow({each.alarm: each for each in alarms if self._is_of_kinds(each)}, now_s)
         if now_s < self._not_before_s:
             return None
         begun = [each.alarm for each in self._active.values() if self._is_due(each, now_s)]
-        if not begun and not self._ended:
+        if not begun and not self._changed:
             return None
         begun.sort(key=lambda each: (each.severity != "severe", each.at_us))
         lines = [f"{_word(each)}: {each.text}" for each in begun]
-        lines += [f"Ended: {text}" for text in self._ended.values()]
-        count = len(begun)
-        what = f"{count} alarm{'s' if count > 1 else ''}" if count else "End of alarms"
         keys = tuple(each.alarm for each in begun)
-        return AlarmMessage(f"{self._site}: {what}", "\n".join(lines), keys, tuple(self._ended))
+        # An alarm that begins again has no line about its end.
+        lines += [line for key, line in self._changed.items() if key not in keys]
+        what = f"{len(begun)} alarm{'s' if len(begun) > 1 else ''}"
+        if not begun:
+            what = "Change of alarms" if self._changed.keys() & self._active else "End of alarms"
+        return AlarmMessage(f"{self._site}: {what}", "\n".join(lines), keys, tuple(self._changed))
 
     def delivered(self, message: AlarmMessage, now_s: float) -> None:
         """Mark the alarms of a message as sent."""
         self._failures, self._not_before_s = 0, now_s
         for key in message.begun:
             if key in self._active:
-                self._active[key].sent_s = now_s
-        for key in message.ended:
-            self._ended.pop(key, None)
+                self._active[key].sent_s, self._active[key].is_pending = now_s, False
+        for key in message.changed:
+            self._changed.pop(key, None)
 
     def failed(self, now_s: float) -> None:
         """Try again later: after 10 s, and after twice as long with each further failure."""
         wait_s = min(FIRST_RETRY_S * 2.0**self._failures, LAST_RETRY_S)
         self._failures, self._not_before_s = self._failures + 1, now_s + wait_s
 
-    def _concerns(self, alarm: Alarm) -> bool:
-        kind = alarm.alarm.partition("/")[0]
+    def _is_of_kinds(self, alarm: Alarm) -> bool:
         kinds = self._receiver.kinds
-        if kind == OWN_KIND or (kinds and not alarm.alarm.startswith(kinds)):
-            return False
+        is_own = alarm.alarm.partition("/")[0] == OWN_KIND
+        return not is_own and (not kinds or alarm.alarm.startswith(kinds))
+
+    def _has_severity(self, alarm: Alarm) -> bool:
         return alarm.severity == "severe" or self._receiver.min_severity == "warning"
 
     def _follow(self, alarms: dict[str, Alarm], now_s: float) -> None:
         """Add new alarms, and remove those that have ended."""
-        for key in [key for key in self._active if key not in alarms]:
-            gone = self._active.pop(key)
-            if gone.sent_s is not None:
-                self._ended[key] = gone.alarm.text
+        for key, before in list(self._active.items()):
+            alarm = alarms.get(key)
+            # An alarm that was cleared and raised again between two checks has another start time.
+            if alarm is None or alarm.at_us != before.alarm.at_us:
+                del self._active[key]
+                if before.sent_s is not None:
+                    self._changed[key] = f"Ended: {before.alarm.text}"
+            elif before.sent_s is None and not self._has_severity(alarm):
+                del self._active[key]
         for key, alarm in alarms.items():
-            self._ended.pop(key, None)
-            before = self._active.get(key)
-            if before is None:
+            if key in self._active:
+                self._update(self._active[key], alarm)
+            elif self._has_severity(alarm):
                 self._active[key] = _Active(alarm, now_s)
-                continue
-            if alarm.severity == "severe" != before.alarm.severity:
-                before.sent_s = None  # it was sent as a warning
-            before.alarm = alarm
+
+    def _update(self, active: _Active, alarm: Alarm) -> None:
+        """Replace the state of an alarm, of which the severity may have changed."""
+        if alarm.severity == "severe" != active.alarm.severity:
+            active.is_pending = True  # it was sent as a warning
+            self._changed.pop(alarm.alarm, None)
+        elif self._has_severity(active.alarm) and not self._has_severity(alarm):
+            active.is_pending = False
+            self._changed[alarm.alarm] = f"Now a warning: {alarm.text}"
+        active.alarm = alarm
 
     def _is_due(self, active: _Active, now_s: float) -> bool:
-        if active.alarm.acknowledged_by:
+        if active.alarm.acknowledged_by or not self._has_severity(active.alarm):
             return False
-        if active.sent_s is None:
+        if active.is_pending or active.sent_s is None:
             return now_s - active.since_s >= self._receiver.after_s
         repeat_s = self._receiver.repeat_s
         return repeat_s is not None and now_s - active.sent_s >= repeat_s
