@@ -94,15 +94,20 @@ def test_an_alarm_arrives_by_mail() -> None:
                 await until(lambda: box.mails)
                 context.state_view.clear_alarm("link/hawk")
                 await until(lambda: len(box.mails) == 2)
+                context.state_view.alarm("people/1", "fire near <a href='//x'>Bo</a>", "severe")
+                await until(lambda: len(box.mails) == 3)
 
         asyncio.run(look())
     finally:
         controller.stop()
-    first, last = box.mails
+    first, last, named = box.mails
     assert first["subject"] == "east: 1 alarm"
     assert first["to"] == "chief@east.example"
     assert "ALARM: hawk: link lost" in first.as_string()
     assert "Ended: hawk: link lost" in last.as_string()
+    # A name that other people chose is no markup.
+    assert {each.get_content_type() for each in named.walk()} == {"text/plain"}
+    assert "<a href='//x'>Bo</a>" in named.get_payload(decode=True).decode()
 
 
 def test_a_webhook_that_fails_is_an_alarm_and_gets_the_message_later(

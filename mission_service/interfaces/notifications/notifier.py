@@ -111,7 +111,14 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
         unfinished[:] = [each for each in unfinished if not each.done()]
         if len(unfinished) >= MAX_UNFINISHED:
             return f"the server has not answered {MAX_UNFINISHED} earlier deliveries"
-        sending = _in_daemon_thread(partial(service.notify, title=message.title, body=message.body))
+        send = partial(
+            service.notify,
+            title=message.title,
+            body=message.body,
+            # Apprise sends other mails as HTML, but alarms contain names that other people chose.
+            body_format=apprise.NotifyFormat.TEXT,
+        )
+        sending = _in_daemon_thread(send)
         unfinished.append(sending)
         try:
             async with asyncio.timeout(ANSWER_S):
