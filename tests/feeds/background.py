@@ -10,6 +10,7 @@ from typing import Any
 async def in_background(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
     """Run a coroutine until the end of the block, and check that it has not ended before."""
     task = asyncio.create_task(work)
+    await asyncio.sleep(0)  # the coroutine begins
     try:
         yield
         assert not task.done(), task

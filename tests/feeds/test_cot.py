@@ -19,9 +19,20 @@ from pydantic import ValidationError
 
 from mission_service.config.service_section import CotSection, MqttSection
 from mission_service.interfaces.cot import cot_sender as cot_sender
-from mission_service.interfaces.cot.cot_events import MAX_CORNERS, fire_events, vehicle_event, zulu
+from mission_service.interfaces.cot.cot_events import (
+    MAX_CORNERS,
+    fire_events,
+    mission_event,
+    vehicle_event,
+    zulu,
+)
 from mission_service.interfaces.cot.cot_sender import cot_interface
-from mission_service.runtime.published_states import TelemetryState
+from mission_service.runtime.published_states import (
+    ItemState,
+    Mission,
+    MissionState,
+    TelemetryState,
+)
 from mission_service.runtime.run_context import RunContext
 from tests.feeds.background import in_background
 from tests.mqtt.certificates import make_certificates
@@ -112,6 +123,43 @@ def test_events_are_sent_by_udp_and_only_for_vehicles_with_a_new_position() -> N
                         fires += b"Fire-more.fire.1" in data
 
     asyncio.run(look())
+
+
+def test_positions_from_the_journal_are_not_sent_after_a_restart() -> None:
+    async def look() -> None:
+        tak = bytearray()
+
+        async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            while data := await reader.read(65_536):
+                tak.extend(data)
+            writer.close()
+
+        context = context_of(MqttSection(), lambda request: {})
+        context.state_view.apply(fix(1), [])  # as from the journal
+        server = await asyncio.start_server(take, "127.0.0.1", 0)
+        url = f"tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        run_interface = cot_interface(CotSection(url=url, every_s=0.1), "Fire & more")
+        async with server, in_background(run_interface(context)):
+            await until(lambda: b"Fire-more.fire.1" in tak)  # after the positions of its round
+            assert b"Fire-more.hawk" not in tak
+            context.state_view.apply(fix(2), [])
+            await until(lambda: b"Fire-more.hawk" in tak)
+
+    asyncio.run(look())
+
+
+def test_a_mission_at_one_place_is_not_a_line() -> None:
+    state = MissionState(0, "hawk")
+    here = ItemState(16, "", 3, 36.3, -84.1, 100.0, (0.0,) * 4)
+    for items in ((here, here), (here, here, here)):
+        state.on_board = Mission(1, 0, "", "accepted", "", "", items)
+        assert mission_event(state, "site", 0, 1) is None
+    there = ItemState(16, "", 3, 36.4, -84.1, 100.0, (0.0,) * 4)
+    for items in ((here, there), (here, there, here)):
+        state.on_board = Mission(1, 0, "", "accepted", "", "", items)
+        event = mission_event(state, "site", 0, 1)
+        assert event is not None
+        assert event.count(b"<link") == len(items)
 
 
 def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -88,14 +88,14 @@ def forecast_events(
 
 
 def mission_event(state: MissionState, site: str, unix_us: int, stale_us: int) -> bytes | None:
-    """Return the mission on board a vehicle as a line, or None for fewer than two positions."""
+    """Return the mission on board a vehicle as a line, or None for fewer than two places."""
     items = () if state.on_board is None else state.on_board.items
     places = [
         (each.lon_deg, each.lat_deg)
         for each in items
         if each.lon_deg is not None and each.lat_deg is not None
     ]
-    if len(places) < 2:
+    if len(set(places)) < 2:
         return None
     name = state.vehicle
     line = CotLine(f"{name}.mission", f"{name} mission", LineString(places), BLUE, "", "on board")

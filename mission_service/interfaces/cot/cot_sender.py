@@ -65,7 +65,9 @@ class CotSender:
     def __init__(self, context: "RunContext", settings: CotSection, site: str) -> None:
         self._context, self._settings, self._site = context, settings, site
         self._url = settings.url  # URL of the latest connection attempt
-        self._sent: dict[str, int] = {}  # last version sent, by vehicle
+        # Last version sent, by vehicle. Positions from the journal of a resumed run are not sent.
+        changed = context.state_view.changed
+        self._sent = {name: changed[f"telemetry/{name}"] for name in context.state_view.telemetry}
         self._chat = AlarmChat(settings.chat, site)
         self._shapes: dict[str, asyncio.Task[list[bytes]]] = {}  # by name, until they are sent
         self._receiver: EventReceiver | None = None
