@@ -1,5 +1,6 @@
 """Basemaps: tiles from PMTiles, MBTiles and GeoTIFF files, cut files, and lines of the relief."""
 
+import contextlib
 import gzip
 import io
 import json
@@ -29,6 +30,7 @@ from mission_service.interfaces.maps.basemaps.relief_lines import (
     relief_lines,
 )
 from mission_service.interfaces.maps.basemaps.tile_files import (
+    WORLD_DEG,
     MbtilesFile,
     column_of,
     row_of,
@@ -122,6 +124,24 @@ def test_tiles_are_read_from_every_kind_of_file(tmp_path: Path) -> None:
     assert found["scan"].tile(*place) == f"{place[0]}/{place[1]}/{place[2]}".encode()
     assert found["scan"].tile(10, 0, 0) is None
     assert found["scan"].basemap.attribution == "© us"
+
+
+@pytest.mark.parametrize(
+    ("described", "layers"),
+    [('{"vector_layers": [{"id": "roads"}]}', ("roads",)), ("[]", ()), ("null", ()), ("{", ())],
+)
+def test_an_mbtiles_file_without_bounds_keeps_its_layers(
+    tmp_path: Path, described: str, layers: tuple[str, ...]
+) -> None:
+    path = raster_mbtiles(tmp_path / "roads.mbtiles")
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE metadata SET value = 'pbf' WHERE name = 'format'")
+        database.execute("DELETE FROM metadata WHERE name = 'bounds'")
+        database.execute("INSERT INTO metadata VALUES ('json', ?)", (described,))
+        database.commit()
+    found = tile_file(path)
+    assert found.basemap.bounds == WORLD_DEG
+    assert found.basemap.layers == layers
 
 
 def test_the_place_of_a_tile() -> None:

@@ -136,10 +136,14 @@ class MbtilesFile:
             raise MissionServiceError(f"{path}: no tiles in a supported format ({usable})")
         self.tile_type = OF_MBTILES[kind]
         try:
-            described = json.loads(self.metadata.get("json", "{}"))
-            bounds = tuple(float(each) for each in self.metadata["bounds"].split(","))
+            described = json.loads(str(self.metadata.get("json", "{}")))
+        except ValueError:
+            described = {}
+        layers = described.get("vector_layers", []) if isinstance(described, dict) else []
+        try:
+            bounds = tuple(float(each) for each in str(self.metadata["bounds"]).split(","))
         except (KeyError, ValueError):
-            described, bounds = {}, WORLD_DEG
+            bounds = WORLD_DEG
         self.basemap = Basemap(
             path.stem,
             "vector" if self.tile_type is TileType.MVT else "raster",
@@ -148,9 +152,9 @@ class MbtilesFile:
             highest,
             bounds if len(bounds) == 4 else WORLD_DEG,
             str(self.metadata.get("attribution", "")),
-            _layers(described.get("vector_layers")),
+            _layers(layers),
         )
-        self.metadata |= {"vector_layers": described.get("vector_layers", [])}
+        self.metadata |= {"vector_layers": layers}
 
     @property
     def is_gzipped(self) -> bool:
