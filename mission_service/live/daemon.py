@@ -335,6 +335,7 @@ class _Check:
         view, separation_m = context.state_view, context.scenario.mission.separation_m
         self._health = HealthMonitor(view, round(STATUS_EVERY_S * 1e6))
         self._proximity = ProximityAlarms(view, separation_m)
+        self._not_ready = context.ready()
 
     def __call__(self) -> None:
         """Check links and alarms, and show progress. Raises the engine's defect, if any."""
@@ -348,6 +349,9 @@ class _Check:
         self._health.check_delay(now_us)
         self._proximity.check_pairs(now_us)
         _check_links(context, self._links, now_us)
+        if (not_ready := context.ready()) != self._not_ready:
+            self._not_ready = not_ready
+            context.state_view.readiness_changed()
         self._progress(context.state_view, context.estimate.fire)
         context.ring()
 

@@ -244,6 +244,10 @@ class StateView(Notices):
         self.fire_version += 1
         self._touch("fire")
 
+    def readiness_changed(self) -> None:
+        """Mark the status as changed after a change in the conditions that are not met."""
+        self._touch("status")
+
     def arrivals_changed(self) -> None:
         """Mark the fire's arrivals at people and values at risk as changed."""
         self._touch("fire_arrivals")

@@ -1,5 +1,6 @@
 """Journals of real ``run`` processes: refused requests, earlier runs, permissions, symlinks."""
 
+import json
 import os
 import resource
 import signal
@@ -158,7 +159,7 @@ def test_a_symlink_in_the_place_of_the_journal_is_refused(tmp_path: Path) -> Non
     assert list(out.iterdir()) == []
 
 
-def test_readyz_is_not_ok_while_the_disk_is_full(tmp_path: Path) -> None:
+def test_readyz_and_the_live_status_show_that_the_disk_is_full(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with running(arguments(out, 'service.http.listen="127.0.0.1:0"'), out) as (there, child):
         log = (tmp_path / "run.log").read_text(encoding="utf-8")
@@ -170,12 +171,25 @@ def test_readyz_is_not_ok_while_the_disk_is_full(tmp_path: Path) -> None:
             assert caught.value.code == 503
             return caught.value.read().decode()
 
+        def is_in_live_status(text: bytes) -> bool:
+            """Return whether a status in the live stream after ``version`` contains a text."""
+            live = urllib.request.Request(f"{address}/api/v1/live?since={version}", headers=token)
+            with urllib.request.urlopen(live, timeout=PATIENCE_S) as stream:
+                lines = iter(stream.readline, b": \n")  # until a comment: nothing has changed
+                return any(b'"schema":"run/1"' in line and text in line for line in lines)
+
+        token = {"Authorization": f"Bearer {(out / 'token').read_text(encoding='utf-8').strip()}"}
+        with urllib.request.urlopen(
+            urllib.request.Request(f"{address}/api/v1/state", headers=token), timeout=PATIENCE_S
+        ) as state:
+            version = json.load(state)["version"]
         assert "hawk: no heartbeat yet" in lacks()
         assert "journal" not in lacks()
         size = (out / "journal.jsonl").stat().st_size
         resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (size + 20, resource.RLIM_INFINITY))
         assert "not recorded: disk full" in refused(there, do="present")
         assert "journal: disk full" in lacks()
+        assert is_in_live_status(b"journal: disk full")
         resource.prlimit(
             child.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
         )

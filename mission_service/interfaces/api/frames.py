@@ -28,7 +28,8 @@ class Frames:
     def frames(self, since: int) -> bytes:
         """Return the events for all states that changed since a version, in order of version.
 
-        A client that reconnects continues from the last received ``id`` and misses no state.
+        A client that reconnects to the same process continues from the last received ``id`` and
+        misses no state; the versions of another process are independent.
         """
         changed = self._context.state_view.changed
         new = sorted((version, key) for key, version in changed.items() if version > since)
