@@ -14,9 +14,9 @@ const TECHNICAL = new Set([
   "querySelector", "querySelectorAll", "matchMedia", "closest", "matches", "getContext", "addEventListener", "on",
   "once", "getLayer", "getSource", "addSource", "addLayer", "setPaintProperty", "setLayoutProperty", "getItem",
   "setItem", "removeItem", "includes", "startsWith", "endsWith", "fillLayer", "lineLayer", "circleLayer", "colour",
-  "info", "warn", "error", "Error", "Path2D", "URL", "namedFlavor", "toLocaleString", "CSS", "RegExp", "toggle", "Intl",
-  "DateTimeFormat", "NumberFormat", "replace", "replaceAll", "Headers", "labelLayer", "iconLayer", "byId", "part", "shape",
-  "join", "split", "add", "remove", "parseFromString", "createElement",
+  "info", "warn", "error", "Error", "DOMException", "Path2D", "URL", "namedFlavor", "toLocaleString", "CSS", "RegExp", "toggle",
+  "Intl", "DateTimeFormat", "NumberFormat", "replace", "replaceAll", "Headers", "labelLayer", "iconLayer", "byId", "part",
+  "shape", "join", "split", "add", "remove", "parseFromString", "createElement",
 ]);
 const FIRST_TECHNICAL = new Set(["h", "shortcut", "word", "post", "get", "ask", "download", "request"]);
 const PROSE = /[A-Za-zα]{2,}[^A-Za-z]* [^A-Za-z]*[A-Za-z]|^[A-Z][a-z]+|^[A-Z-]{3,}$/; // words, a capital letter, or capitals

@@ -11,6 +11,7 @@ import type { Store } from "./store.ts";
 const HOLD_MS = 700;
 const ARMED_MS = 4000;
 const TRIES = 5;
+const ANSWER_MS = 3000; // time limit of one attempt; a repeated abort does no harm
 
 export function abortButton(store: Store): HTMLButtonElement {
   const button = h(
@@ -30,7 +31,6 @@ export function abortButton(store: Store): HTMLButtonElement {
   };
   const fire = (): void => {
     disarm();
-    fired = true;
     button.classList.add("sent");
     void abort().finally(() => setTimeout(() => button.classList.remove("sent"), 3000));
   };
@@ -42,7 +42,10 @@ export function abortButton(store: Store): HTMLButtonElement {
   };
   button.addEventListener("pointerdown", () => {
     fired = false;
-    held = window.setTimeout(fire, HOLD_MS);
+    held = window.setTimeout(() => {
+      fired = true;
+      fire();
+    }, HOLD_MS);
     button.classList.add("held");
   });
   for (const kind of ["pointerup", "pointerleave", "pointercancel"]) {
@@ -69,7 +72,7 @@ async function abort(): Promise<void> {
   for (let tries = 1; ; tries++) {
     try {
       showMessage(t("ABORT: sending …"), true);
-      await post("abort");
+      await post("abort", {}, "POST", AbortSignal.timeout(ANSWER_MS));
       showMessage(t("ABORT accepted: vehicles stop, climb and hold"), true);
       return;
     } catch (error) {

@@ -4,7 +4,7 @@
 
 import { createElement, Volume2, VolumeX } from "lucide";
 import { lacking, showMessage } from "./actions.ts";
-import { errorText, post } from "./api.ts";
+import { errorText, post, Refused } from "./api.ts";
 import { byId, fill, h, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
 import { t } from "./messages.ts";
@@ -18,13 +18,13 @@ const MUTED_MS = 120_000;
 const LOST_S = 3; // a shorter loss of the connection is not an alarm
 const STILL_S = 20; // limit of the time in which mission time does not advance
 const MAX_SHOWN = 3;
-const MAX_SENT = 20; // acknowledgements at once; the service limits the rate of requests
+const SENT_EVERY_MS = 150; // the service accepts ten requests a second
 const OWN = "page/"; // keys of the alarms of the page itself
 
 export class Alarms {
   readonly button = h("button", { id: "sound", type: "button" });
-  private acknowledged = new Set<string>(); // keys: alarm and start time
-  private sounded = new Set<string>();
+  private acknowledged: Severities = new Map(); // on this page
+  private sounded: Severities = new Map();
   private muted = false;
   private mutedAt = 0;
   private lostAt = 0;
@@ -69,13 +69,11 @@ export class Alarms {
 
   private renew(): void {
     const current = this.current();
-    const keys = new Set(current.map(keyOf));
-    for (const key of this.acknowledged) if (!keys.has(key)) this.acknowledged.delete(key);
-    for (const key of this.sounded) if (!keys.has(key)) this.sounded.delete(key);
+    for (const each of [this.acknowledged, this.sounded]) renewSeverities(each, current);
     const open = current.filter((alarm) => this.isOpen(alarm));
     const fresh = open.find((alarm) => !this.sounded.has(keyOf(alarm)));
     if (fresh) {
-      for (const alarm of open) this.sounded.add(keyOf(alarm));
+      for (const alarm of open) this.sounded.set(keyOf(alarm), alarm.severity);
       if (this.mayBeep(fresh.severity === "severe")) beep(fresh.severity);
     }
     this.paint(open, current);
@@ -83,7 +81,7 @@ export class Alarms {
 
   private paint(open: Alarm[], current: Alarm[]): void {
     const element = byId("alarms");
-    const keys = JSON.stringify([open.map(keyOf), current.length]);
+    const keys = JSON.stringify([open, current].map((alarms) => alarms.map((alarm) => [keyOf(alarm), alarm.severity])));
     if (keys !== this.shown) {
       this.shown = keys;
       fill(element, ...open.slice(0, MAX_SHOWN).map((alarm) => this.row(alarm)));
@@ -119,9 +117,23 @@ export class Alarms {
 
   private acknowledge(alarms: Alarm[]): void {
     const open = alarms.filter((alarm) => this.isOpen(alarm) && !alarm.alarm.startsWith(OWN));
-    for (const alarm of alarms) this.acknowledged.add(keyOf(alarm));
+    for (const alarm of alarms) this.acknowledged.set(keyOf(alarm), alarm.severity);
     this.renew();
-    if (!lacking(this.store, "correct")) void sendAcknowledged(open.slice(0, MAX_SENT));
+    if (!lacking(this.store, "correct")) void this.sendAcknowledged(open);
+  }
+
+  /** Send acknowledgements, so that the alarms are not sent to further people. */
+  private async sendAcknowledged(alarms: Alarm[]): Promise<void> {
+    for (const alarm of alarms) {
+      if (!this.acknowledged.has(keyOf(alarm))) continue; // it has ended or become severe in the meantime
+      try {
+        await post("alarms/acknowledge", { alarm: alarm.alarm });
+      } catch (error) {
+        showMessage(t("The acknowledgement was not sent: {reason}", { reason: errorText(error) }), true);
+        if (!(error instanceof Refused)) return;
+      }
+      await new Promise((done) => setTimeout(done, SENT_EVERY_MS));
+    }
   }
 
   /** An alarm is open until it is acknowledged here, or at another station. */
@@ -160,20 +172,20 @@ export class Alarms {
   }
 }
 
+type Severities = Map<string, Alarm["severity"]>; // by alarm and start time
+
 const keyOf = (alarm: Alarm): string => `${alarm.alarm}@${alarm.at_us}`;
+
+/** Remove alarms that have ended or become severe; an alarm that has become a warning stays. */
+function renewSeverities(severities: Severities, current: Alarm[]): void {
+  const now = new Map(current.map((alarm) => [keyOf(alarm), alarm.severity]));
+  for (const [key, before] of severities) {
+    const severity = now.get(key);
+    if (!severity || (severity === "severe" && before !== "severe")) severities.delete(key);
+    else severities.set(key, severity);
+  }
+}
 
 function alarmText(alarm: Alarm): string {
   return alarm.alarm.startsWith("page/") ? alarm.text : t("{alarm} (since {clock})", { alarm: alarm.text, clock: clock(alarm.at_us / 1e6) });
-}
-
-/** Send acknowledgements, so that the alarms are not sent to further people. */
-async function sendAcknowledged(alarms: Alarm[]): Promise<void> {
-  for (const { alarm } of alarms) {
-    try {
-      await post("alarms/acknowledge", { alarm });
-    } catch (error) {
-      showMessage(t("The acknowledgement was not sent: {reason}", { reason: errorText(error) }), true);
-      return;
-    }
-  }
 }

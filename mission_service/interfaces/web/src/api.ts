@@ -58,7 +58,9 @@ export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
 }
 
 /** Send a request that changes something; returns the reply. */
-export async function post<T = { messages?: string[] }>(path: string, body: object = {}, method = "POST"): Promise<T> {
+export async function post<T = { messages?: string[] }>(
+  path: string, body: object = {}, method = "POST", signal: AbortSignal | null = null,
+): Promise<T> {
   const text = JSON.stringify(body);
   const response = await ask(path, {
     method,
@@ -66,6 +68,7 @@ export async function post<T = { messages?: string[] }>(path: string, body: obje
     body: text,
     // The browser sends the request even if the page is closed, for bodies of at most 64 kB.
     keepalive: text.length < MAX_KEPT_ALIVE,
+    signal,
   });
   return (await response.json()) as T;
 }
@@ -85,5 +88,6 @@ export async function download(path: string, name: string): Promise<void> {
 export function errorText(error: unknown): string {
   if (error instanceof Refused) return error.message;
   if (error instanceof TypeError) return t("no connection to the service");
+  if (error instanceof DOMException && error.name === "TimeoutError") return t("no response from the service");
   return error instanceof Error ? error.message : String(error);
 }

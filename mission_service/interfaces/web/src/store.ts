@@ -53,6 +53,7 @@ const MAX_LINES = 500; // of announcements, and of records
 const MISSED_S = 5; // a longer interval between two positions of a vehicle: the page was too slow
 export const TRACK_S = 900; // longer tracks would cover the fire
 const SILENT_MS = 15_000; // the service sends at least a comment each 10 s
+const ANSWER_MS = 10_000; // time limit for the state, and for the begin of the stream
 const HIDDEN_MS = 250;
 const RATE_MS = 3000; // interval in which the rate of mission time is measured
 const RATE_TOLERANCE = 0.3;
@@ -204,26 +205,26 @@ export class Store {
 
   /** Read the state, then its changes until the connection ends. */
   private async connect(stop: AbortSignal): Promise<void> {
-    this.replace(await get<State>("state", stop));
+    this.replace(await get<State>("state", AbortSignal.any([stop, AbortSignal.timeout(ANSWER_MS)])));
     this.received();
     const silent = new AbortController();
     const ended = AbortSignal.any([stop, silent.signal]);
-    const response = await ask(`live?since=${this.state?.version ?? 0}`, { signal: ended });
+    const within = async <T>(limitMs: number, work: Promise<T>): Promise<T> => {
+      const timer = setTimeout(() => silent.abort(new DOMException("", "TimeoutError")), limitMs);
+      return work.finally(() => clearTimeout(timer));
+    };
+    const response = await within(ANSWER_MS, ask(`live?since=${this.state?.version ?? 0}`, { signal: ended }));
     if (!response.body) throw new Error(`${BASE}live has no body`);
     const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
     const events = new EventReader();
-    let timer = 0;
     try {
       for (;;) {
-        timer = window.setTimeout(() => silent.abort(), SILENT_MS);
-        const { done, value } = await reader.read();
-        clearTimeout(timer);
+        const { done, value } = await within(SILENT_MS, reader.read());
         if (done) return;
         this.received();
         for (const event of events.read(value)) this.update(event);
       }
     } finally {
-      clearTimeout(timer);
       void reader.cancel().catch(() => undefined);
     }
   }

@@ -111,7 +111,12 @@ export async function fetchTracks(store: Store): Promise<void> {
   const MOST = 20;
   for (const name of [...store.vehicles.keys()].slice(0, MOST)) {
     const afterUs = Math.round((store.nowS - TRACK_S) * 1e6);
-    const track = await get<FlownTrack>(`vehicles/${name}/track?after_us=${afterUs}&limit=${TRACK_S}`);
+    const path = `vehicles/${name}/track?after_us=${afterUs}&limit=${TRACK_S}`;
+    const track = await get<FlownTrack>(path).catch(() => null);
+    if (!track) {
+      store.missed = true; // to be requested again
+      continue;
+    }
     const flown = (track.geometry?.coordinates ?? []).map(([lon, lat], i): TrackPoint => [
       lon!,
       lat!,
