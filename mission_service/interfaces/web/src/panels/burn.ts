@@ -57,15 +57,15 @@ export class BurnPanel {
     return this.station.value ? { station: this.station.value } : {};
   }
 
-  private request(label: string, action: string, body: object = {}): void {
-    void attempt(label, () => post(`burn/${action}`, { ...body, ...this.operator() }));
+  private request(label: string, action: string, body: object = {}): Promise<boolean> {
+    return attempt(label, () => post(`burn/${action}`, { ...body, ...this.operator() }));
   }
 
-  private planLine(): void {
+  private planLine(): Promise<boolean> {
     const body: Record<string, number> = {};
     if (this.line.value) body.line_spacing_m = this.line.valueAsNumber;
     if (this.drop.value) body.drop_spacing_m = this.drop.valueAsNumber;
-    this.request(t("Plan the next line"), "plan", body);
+    return this.request(t("Plan the next line"), "plan", body);
   }
 
   private renew(): void {
@@ -148,16 +148,14 @@ export class BurnPanel {
   private approveButton(hash: string): HTMLButtonElement {
     let sure = false;
     const made = button(t("Approve"), () => {
-      if (sure) {
-        this.request(t("Approve"), "approve", { hash });
-        return;
-      }
+      if (sure) return this.request(t("Approve"), "approve", { hash });
       sure = true;
       made.textContent = t("Approve {hash}? Press again", { hash: hash.slice(0, 8) });
       setTimeout(() => {
         sure = false;
         made.textContent = t("Approve");
       }, CONFIRM_MS);
+      return undefined;
     }, t("Approve exactly this plan"), "go");
     setReason(made, lacking(this.store, "approve"));
     return made;

@@ -40,7 +40,7 @@ export class FirePanel {
   private speed = h("input", { type: "number", min: 0, max: 60, step: "any", id: "wind-speed" });
   private speedLabel = h("label", { for: "wind-speed" });
   private current = h("p", { class: "words" });
-  private confirm = button(t("Set this wind"), () => void this.setWind(), t("Use this wind in the fire forecast from now on"), "primary");
+  private confirm = button(t("Set this wind"), () => this.setWind(), t("Use this wind in the fire forecast from now on"), "primary");
   private file = h("input", { type: "file", id: "perimeter", accept: ".geojson,.json,.kml,.kmz,.zip" });
 
   constructor(

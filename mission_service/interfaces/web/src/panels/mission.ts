@@ -19,7 +19,7 @@ export class MissionPart {
 
   constructor(private readonly store: Store) {
     this.controls = [
-      button(t("Preview"), () => void this.showPreview(), t("Show the mission that would be sent now")),
+      button(t("Preview"), () => this.showPreview(), t("Show the mission that would be sent now")),
       button(t("Plan and send now"), () => this.request("renew", {}), t("Plan a new mission and send it")),
     ];
     this.element = section(t("Mission"), h("div", { class: "row orders" }, ...this.controls), this.body);
@@ -30,11 +30,10 @@ export class MissionPart {
     return `vehicles/${encodeURIComponent(this.store.chosen)}/mission/${action}`;
   }
 
-  private request(action: string, body: object): void {
-    void attempt(t("Mission: {action}", { action: word(action) }), () => post(this.path(action), body)).then((done) => {
-      if (done) this.preview = null;
-      this.renew(true);
-    });
+  private async request(action: string, body: object): Promise<void> {
+    const done = await attempt(t("Mission: {action}", { action: word(action) }), () => post(this.path(action), body));
+    if (done) this.preview = null;
+    this.renew(true);
   }
 
   private async showPreview(): Promise<void> {

@@ -5,8 +5,25 @@ import type { Group } from "../map.ts";
 
 export type Toggle = (group: string, shown: boolean) => void;
 
-export function button(label: string, act: () => void, title = "", kind = ""): HTMLButtonElement {
-  return h("button", { type: "button", onclick: act, title, class: kind }, label);
+const BUSY_MS = 5000;
+
+/** A button. Until the promise of a press is settled, but at most for BUSY_MS, further presses have no effect. */
+export function button(label: string, act: () => Promise<unknown> | void, title = "", kind = ""): HTMLButtonElement {
+  const press = async (): Promise<void> => {
+    if (made.hasAttribute("aria-disabled")) return;
+    const work = act();
+    if (!work) return;
+    made.setAttribute("aria-disabled", "true"); // with `disabled` the button would lose the focus
+    await Promise.race([work, new Promise((done) => setTimeout(done, BUSY_MS))]);
+    made.removeAttribute("aria-disabled");
+  };
+  const made = h("button", { type: "button", onclick: () => void press(), title, class: kind }, label);
+  return made;
+}
+
+/** Let the buttons in an element have effect, because further presses concern something else. */
+export function releaseButtons(element: HTMLElement): void {
+  for (const each of element.querySelectorAll("[aria-disabled]")) each.removeAttribute("aria-disabled");
 }
 
 /** A checkbox that shows and hides a group of layers; `toggle` sets all checkboxes of the group. */

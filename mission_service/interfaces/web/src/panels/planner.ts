@@ -2,12 +2,14 @@
 
 import { attempt, lacking } from "../actions.ts";
 import { get, post } from "../api.ts";
+import { coalesced } from "../coalesce.ts";
 import { fill, h, setReason } from "../dom.ts";
 import { t } from "../messages.ts";
 import type { Store } from "../store.ts";
 import type { Planner } from "../types.ts";
 import { button, figures, section } from "./parts.ts";
 
+const EVERY_MS = 1000;
 const TUNABLE: [string, string, number][] = [
   ["alpha", t("α: assumed unevenness of the fire (0: no reversals)"), 0.1],
   ["reversal_margin", t("Minimum gain of a reversal (1 = 100 %)"), 0.05],
@@ -18,7 +20,7 @@ export class PlannerPanel {
   readonly element = h("div", { class: "panel" });
   private fields = new Map<string, HTMLInputElement>();
   private rest = h("div");
-  private save = button(t("Use from now on"), () => void this.send(), "", "primary");
+  private save = button(t("Use from now on"), () => this.send(), "", "primary");
 
   constructor(private readonly store: Store) {
     const form = h("div", { class: "fields" });
@@ -28,7 +30,11 @@ export class PlannerPanel {
       form.append(h("label", { for: `planner-${key}` }, label), field);
     }
     this.element.append(section(t("Planner"), form, this.save), section(t("All settings"), this.rest));
-    store.on(["status"], () => this.renew());
+    const read = coalesced(() => this.read(), EVERY_MS);
+    store.on(["status"], () => {
+      this.renew();
+      read(); // the status changes when settings change
+    });
   }
 
   private async send(): Promise<void> {
@@ -38,7 +44,12 @@ export class PlannerPanel {
       if (field.value !== "" && field.valueAsNumber !== planner[key]) body[key] = field.valueAsNumber;
     }
     await attempt(t("Planner"), () => post("planner", body, "PATCH"));
-    if (this.store.state) this.store.state.planner = await get<Planner>("planner");
+    await this.read();
+  }
+
+  private async read(): Promise<void> {
+    const planner = await get<Planner>("planner");
+    if (this.store.state) this.store.state.planner = planner;
     this.renew();
   }
 

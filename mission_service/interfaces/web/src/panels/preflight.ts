@@ -32,15 +32,13 @@ export class PreflightPart {
     this.renew();
   }
 
-  private signOff(): void {
+  private async signOff(): Promise<void> {
     const { chosen } = this.store;
     const path = `vehicles/${encodeURIComponent(chosen)}/takeoff`;
     const failing = failingChecks(this.store.vehicles.get(chosen));
     const override = failing.length ? this.reason.value.trim() : "";
-    void attempt(t("Takeoff {vehicle}", { vehicle: chosen }), () => post(path, { override })).then((done) => {
-      if (done) this.reason.value = "";
-      this.renew();
-    });
+    if (await attempt(t("Takeoff {vehicle}", { vehicle: chosen }), () => post(path, { override }))) this.reason.value = "";
+    this.renew();
   }
 
   private renew(): void {

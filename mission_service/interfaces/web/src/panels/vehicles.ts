@@ -11,7 +11,7 @@ import type { Mission, Vehicle } from "../types.ts";
 import { clock, duration, heightAgl, heightMsl, length, speed } from "../units.ts";
 import { doesAndWhy, nextWords } from "../vehicle_words.ts";
 import { DecisionPart } from "./decision.ts";
-import { button, figures } from "./parts.ts";
+import { button, figures, releaseButtons } from "./parts.ts";
 import { MissionPart } from "./mission.ts";
 import { PreflightPart, failingChecks } from "./preflight.ts";
 
@@ -56,14 +56,15 @@ export class VehiclesPanel {
         "div",
         {},
         this.mission.element,
-        button(t("Download .plan"), () => void this.save(), t("The mission on board, for QGroundControl")),
+        button(t("Download .plan"), () => this.save(), t("The mission on board, for QGroundControl")),
       ),
     );
     shortcut("n", t("Next vehicle"), () => this.step(1));
     shortcut("p", t("Previous vehicle"), () => this.step(-1));
-    shortcut("h", t("Hold the chosen vehicle"), () => this.order("hold", store.chosen));
-    shortcut("r", t("Resume the chosen vehicle"), () => this.order("resume", store.chosen));
-    shortcut("H", t("Hold all vehicles"), () => this.order("hold", ""));
+    shortcut("h", t("Hold the chosen vehicle"), () => void this.order("hold", store.chosen));
+    shortcut("r", t("Resume the chosen vehicle"), () => void this.order("resume", store.chosen));
+    shortcut("H", t("Hold all vehicles"), () => void this.order("hold", ""));
+    store.on(["chosen"], () => releaseButtons(this.element)); // orders to another vehicle need not wait
     store.on(["vehicle", "telemetry", "mission", "chosen"], () => this.renew());
   }
 
@@ -76,11 +77,11 @@ export class VehiclesPanel {
   }
 
   /** Send an order to one vehicle, or to all for an empty name. */
-  private order(order: string, vehicle: string): void {
+  private async order(order: string, vehicle: string): Promise<void> {
     if (lacking(this.store, "fly")) return;
     const path = `vehicles/${encodeURIComponent(vehicle || "all")}/${order}`;
     const label = ORDERS.find(([name]) => name === order)?.[1];
-    void attempt(`${label} ${vehicle || t("all vehicles")}`, () => ordered(path));
+    await attempt(`${label} ${vehicle || t("all vehicles")}`, () => ordered(path));
   }
 
   private step(by: number): void {
