@@ -156,6 +156,23 @@ def test_a_vehicle_without_an_estimate_is_unknown_and_a_return_lands_earlier(
         expect(title).to_contain_text(f"(time {early_min // 60:.0f}:{early_min % 60:02.0f})")
 
 
+def test_a_relief_of_a_vehicle_with_a_longer_name_is_not_attributed(
+    chromium: Browser, pair: Site
+) -> None:
+    site, view = pair, pair.world.simulation.service.state_view
+    with page_of(chromium, site.address, site.service.tokens["all"], SIZES[0]) as (page, _):
+
+        def relieve(name: str) -> None:
+            view.vehicles["kite"].relief = f"relieves {name} in 4 min"
+            view._touch("vehicle/kite")
+            site.world.context.ring()
+
+        for name, text in (("hawk2", "relieves hawk2 in 4 min"), ("hawk", "relieved by kite in 4")):
+            site.loop.call_soon_threadsafe(relieve, name)
+            expect(page.locator("#sorties")).to_contain_text(text)
+            assert ("relieved by kite" in texts_of(page)[0]) == (name == "hawk")
+
+
 def test_without_estimates_the_next_landing_is_unknown_and_the_ground_is_stated(
     chromium: Browser, pair: Site
 ) -> None:

@@ -7,9 +7,10 @@ import { post } from "./api.ts";
 import { confirmed } from "./dialogs.ts";
 import { collection, empty, feature, fillLayer, type Group, labelLayer, type Layers, lineLayer, show } from "./map.ts";
 import { t } from "./messages.ts";
+import { chosenUnits } from "./preferences.ts";
 import type { Store } from "./store.ts";
 import type { Volume } from "./types.ts";
-import { clock } from "./units.ts";
+import { clock, heightMsl } from "./units.ts";
 
 const COLOUR = "#4a148c";
 
@@ -35,7 +36,7 @@ export function followAirspace(map: MapView, store: Store): void {
   const update = (): void => {
     const volumes = (store.state?.airspace.volumes ?? []).filter((volume) => !isOver(volume, store.nowS * 1e6));
     const closed = volumes.map((volume) => isClosed(volume, store.nowS * 1e6));
-    const key = JSON.stringify([volumes.map(({ name, from_us }) => [name, from_us]), closed]);
+    const key = JSON.stringify([chosenUnits(), volumes.map(({ name, from_us }) => [name, from_us]), closed]);
     if (key === shown) return;
     shown = key;
     show(map, "airspace", collection(volumes.map((volume, index) =>
@@ -61,8 +62,8 @@ const isClosed = ({ from_us, until_us }: Volume, atUs: number): boolean =>
   from_us <= atUs && (until_us === null || atUs < until_us);
 
 function labelOf(volume: Volume, closed: boolean): string {
-  const floor = volume.floor_amsl_m === null ? t("ground") : `${Math.round(volume.floor_amsl_m)} m`;
-  const ceiling = volume.ceiling_amsl_m === null ? t("no upper limit") : `${Math.round(volume.ceiling_amsl_m)} m`;
+  const floor = volume.floor_amsl_m === null ? t("ground") : heightMsl(volume.floor_amsl_m);
+  const ceiling = volume.ceiling_amsl_m === null ? t("no upper limit") : heightMsl(volume.ceiling_amsl_m);
   const until = volume.until_us === null ? "" : t(" until {clock}", { clock: clock(volume.until_us / 1e6) });
   const when = closed ? t("closed{until}", { until }) : t("closed from {clock}{until}", { clock: clock(volume.from_us / 1e6), until });
   return t("{name}\n{floor} to {ceiling}\n{when}", { name: volume.name, floor, ceiling, when });

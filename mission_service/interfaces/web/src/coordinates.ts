@@ -72,7 +72,7 @@ export class CoordinatesControl implements IControl {
 
   private show(): void {
     if (!this.map) return;
-    const { lat, lng } = this.place ?? this.map.getCenter();
+    const { lat, lng } = (this.place ?? this.map.getCenter()).wrap();
     setText(this.text, `${this.place ? "" : `${t("centre")} `}${coordinatesText(lat, lng, this.format)}`);
     this.element.title = t("{format}; press for another format", { format: TITLES[this.format] });
   }

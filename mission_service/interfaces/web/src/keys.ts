@@ -22,10 +22,11 @@ export function shortcut(
 
 export const allShortcuts = (): readonly Shortcut[] => shortcuts.filter((one) => one.available());
 
-/** The name of a key press in the table. */
+/** The name of a key press in the table; Caps Lock makes no difference. */
 export function nameOf(event: KeyboardEvent): string {
   const chord = (event.ctrlKey || event.metaKey ? "Ctrl+" : "") + (event.altKey ? "Alt+" : "");
-  const key = event.key.length === 1 && chord ? event.key.toUpperCase() : event.key;
+  const isUpper = chord !== "" || event.shiftKey;
+  const key = event.key.length > 1 ? event.key : isUpper ? event.key.toUpperCase() : event.key.toLowerCase();
   const shift = event.shiftKey && (chord || event.key.length > 1) ? "Shift+" : "";
   return chord + shift + (key === " " ? "Space" : key);
 }

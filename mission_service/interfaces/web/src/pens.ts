@@ -3,7 +3,7 @@
 // palm) moves the map too. With the keyboard, Space adds a corner at the centre of the map and Enter
 // ends the stroke.
 
-import type { Map as MapView } from "maplibre-gl";
+import { LngLat, type Map as MapView } from "maplibre-gl";
 import { h } from "./dom.ts";
 import { simplified, uncrossed } from "./geo.ts";
 import { t } from "./messages.ts";
@@ -38,7 +38,7 @@ export class Pens {
 
   constructor(
     private readonly map: MapView,
-    private readonly drawn: (stroke: Stroke) => void,
+    private readonly onStroke: (stroke: Stroke) => void,
     private readonly announce: (text: string) => void,
   ) {
     this.element = h("canvas", { class: "sheet", "aria-hidden": "true" });
@@ -140,7 +140,11 @@ export class Pens {
 
   private latLon([x, y]: Dot): [number, number] {
     const { lat, lng } = this.map.unproject([x, y]);
-    return [Number(lat.toFixed(7)), Number(lng.toFixed(7))];
+    return [lat, lng];
+  }
+
+  private drawn(stroke: Stroke): void {
+    this.onStroke({ ...stroke, points: stroke.points.map(placeOf) });
   }
 
   private end(dots: Dot[]): void {
@@ -180,7 +184,7 @@ export class Pens {
   // Keyboard input -------------------------------------------------------------------------------
 
   private key(event: KeyboardEvent): void {
-    if (!this.tool) return;
+    if (!this.tool || event.target !== this.map.getCanvas()) return;
     if (event.key === " ") {
       const { lat, lng } = this.map.getCenter();
       const box = this.map.getContainer();
@@ -272,4 +276,9 @@ export class Pens {
     }
     ink.stroke();
   }
+}
+
+/** A place on the map as the service expects it: longitudes within 180°, to a centimetre. */
+function placeOf([lat, lon]: [number, number]): [number, number] {
+  return [Number(lat.toFixed(7)), Number(new LngLat(lon, lat).wrap().lng.toFixed(7))];
 }

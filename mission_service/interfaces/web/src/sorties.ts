@@ -156,7 +156,7 @@ const goesHome = ({ order, landing, relief }: Vehicle): boolean =>
 
 /** In the air: the link, the order, and the vehicle that relieves this one. */
 function noteOf(vehicle: Vehicle, all: Vehicle[]): string {
-  const next = all.find((other) => other.relief.startsWith(`relieves ${vehicle.vehicle}`));
+  const next = all.find((other) => other.relief.startsWith(`relieves ${vehicle.vehicle} `));
   const parts = [
     vehicle.link === "lost" ? t("LINK LOST") : "",
     (vehicle.time_on_task_s ?? 1) <= 0 && !goesHome(vehicle) ? t("must fly home now") : "",

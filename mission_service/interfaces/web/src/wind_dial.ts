@@ -3,22 +3,29 @@
 import { h } from "./dom.ts";
 import { t } from "./messages.ts";
 import { colour } from "./preferences.ts";
+import { speedUnit } from "./units.ts";
 
 const SIZE = 180;
 const MIDDLE = SIZE / 2;
 const RIM = 78; // pixels at the maximum speed
 const MAX_M_S = 20;
+const STEPS = [5, 10]; // between two rings, in the chosen unit
+const MAX_RINGS = 4;
 
 export interface Wind {
   from_deg: number;
   speed_m_s: number;
 }
 
-/** The wind of a drag from the middle to (x, y), y down; rounded to 5° and 0.5 m/s. */
+/** The step between two rings, in the chosen unit. */
+const ringStep = (): number => STEPS.find((step) => step * MAX_RINGS * speedUnit().si >= MAX_M_S) ?? STEPS.at(-1)!;
+
+/** The wind of a drag from the middle to (x, y), y down; rounded to 5° and a tenth of the step between rings. */
 function windOf(x: number, y: number): Wind {
   const deg = (Math.atan2(x, -y) * 180) / Math.PI;
   const share = Math.min(1, Math.hypot(x, y) / RIM);
-  return { from_deg: (Math.round(deg / 5) * 5 + 360) % 360, speed_m_s: Math.round(share * MAX_M_S * 2) / 2 };
+  const tenthM_S = (ringStep() / 10) * speedUnit().si;
+  return { from_deg: (Math.round(deg / 5) * 5 + 360) % 360, speed_m_s: Math.round((share * MAX_M_S) / tenthM_S) * tenthM_S };
 }
 
 /** The tail of a wind's arrow relative to the middle, y down. */
@@ -64,15 +71,15 @@ function paint(canvas: HTMLCanvasElement, now: Wind | null, entered: Wind | null
   pen.strokeStyle = colour("--edge");
   pen.fillStyle = colour("--ink");
   pen.lineWidth = 1;
-  for (const speed of [5, 10, 15, 20]) {
-    pen.beginPath();
-    pen.arc(0, 0, (speed / MAX_M_S) * RIM, 0, 2 * Math.PI);
-    pen.stroke();
-  }
   pen.font = "11px sans-serif";
-  for (const speed of [10, 20]) {
-    const off = (speed / MAX_M_S) * RIM * Math.SQRT1_2 - 4;
-    pen.fillText(String(speed), off, off);
+  const { si } = speedUnit();
+  for (let ring = 1; ring * ringStep() * si <= MAX_M_S; ring++) {
+    const speed = ring * ringStep();
+    const radius = ((speed * si) / MAX_M_S) * RIM;
+    pen.beginPath();
+    pen.arc(0, 0, radius, 0, 2 * Math.PI);
+    pen.stroke();
+    if (ring % 2 === 0) pen.fillText(String(speed), radius * Math.SQRT1_2 - 4, radius * Math.SQRT1_2 - 4);
   }
   pen.font = "bold 13px sans-serif";
   pen.textAlign = "center";
