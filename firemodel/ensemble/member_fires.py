@@ -20,6 +20,7 @@ from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.spread.behaviour import flame_length_m, front_behaviour
 from firemodel.spread.fire_scheme import Fire, Ignition
 from firemodel.spread.local_spread import (
+    CROWN,
     HEAT,
     Tables,
     fuel_beds,
@@ -64,7 +65,7 @@ class Start:
         self._tables = tables_of(land, self.entries, fire.rate_options)
         self._burnable = ~np.isin(land.fuel_model, list(NON_BURNABLE))
         self._burned = fire.burned()
-        self._by_moisture: dict[float, tuple[Floats, Floats]] = {}
+        self._by_moisture: dict[float, Floats] = {}
         self._spare: deque[Fire] = deque()
 
     def member(self, draw: Draw, rng: np.random.Generator) -> Fire:
@@ -117,7 +118,7 @@ class Start:
             came_s.ravel(),
             paths.reshape(2, -1),
             np.array([-np.inf, *(entry.at_s for entry in self.entries[1:])]),
-            self._wet(draw.moisture_factor)[1],
+            np.ascontiguousarray(changed.terms[1:, :, HEAT]),
             window_of(self._terrain, self.fire.landscape.shape, here),
             changed._replace(terms=changed.terms[1:], wind=changed.wind[1:]),
             directions=False,
@@ -126,27 +127,27 @@ class Start:
         return np.asarray(flame_length_m(intensity, crown), np.float32).reshape(came_s.shape)
 
     def rate_factors(self, draw: Draw) -> Floats:
-        """Return the factors of a member's spread rates (entries ahead, fuel beds)."""
-        by_moisture, _ = self._wet(draw.moisture_factor)
-        own = np.array(draw.fuel_factors)[self._tables.fuel_of_bed]
-        found: Floats = by_moisture * draw.spread_factor * own
+        """Return the factors of a member's rates (entries ahead, fuel beds, ``Tables.terms``)."""
+        found = self._wet(draw.moisture_factor).copy()
+        own = draw.spread_factor * np.array(draw.fuel_factors)[self._tables.fuel_of_bed]
+        found[..., 0] *= own
+        found[..., CROWN] *= own
         return found
 
-    def _wet(self, factor: float) -> tuple[Floats, Floats]:
-        """Return the effect of a factor of dead fuel moisture on spread rate and intensity.
+    def _wet(self, factor: float) -> Floats:
+        """Return the ratios of the terms (entries, fuel beds, 8) with more or less dead moisture.
 
-        The first array (entries, fuel beds) is the spread rate divided by the rate at the moisture
-        in the weather. The second array contains the intensity divided by the spread rate, in
-        (kW/m)/(m/s). Dead fuel moisture changes only the rate without wind and slope, to which all
-        spread rates are proportional (Rothermel 1972).
+        ``factor`` multiplies the moistures of dead fuel. Surface and crown fires respond
+        differently, because crown fires spread in other fuel. Terms that are 0 or infinite do not
+        depend on the moisture; their ratio is 1.
         """
         if factor not in self._by_moisture:
             land = self.fire.landscape
             entries = [entry.with_dead_moisture(factor) for entry in self.entries]
-            dry = self._tables.terms[..., 0]
+            dry = self._tables.terms
             wet = terms_of(land, self._beds, entries, self.fire.rate_options)
-            ratio = np.divide(wet[..., 0], dry, out=np.ones_like(dry), where=dry > 0.0)
-            self._by_moisture[factor] = ratio, np.ascontiguousarray(wet[..., HEAT])
+            some = (dry > 0.0) & np.isfinite(dry)
+            self._by_moisture[factor] = np.divide(wet, dry, out=np.ones_like(dry), where=some)
         return self._by_moisture[factor]
 
     def _moved(self, draw: Draw) -> Iterator[Ignition]:
@@ -230,7 +231,11 @@ class Ensemble:
         return type(self)([fire.copy() for fire in self.fires])
 
     def perturb(
-        self, number: int, wind_factor: float, turn_deg: float, spread_factor: float | Floats
+        self,
+        number: int,
+        wind_factor: float | Floats,
+        turn_deg: float | Floats,
+        spread_factor: float | Floats,
     ) -> None:
         """Change the wind and the spread rates of one member from now on; see ``Fire.perturb``."""
         self.fires[number].perturb(wind_factor, turn_deg, spread_factor)

@@ -114,7 +114,12 @@ class AcceleratedFire(Fire):
         found._pending, found._lit = self._pending.copy(), self._lit.copy()
         return found
 
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
+    def perturb(
+        self,
+        wind_factor: float | Floats,
+        turn_deg: float | Floats,
+        spread_factor: float | Floats,
+    ) -> None:
         for fire in (self._unlit, *(each.fire for each in self._fires)):
             fire.perturb(wind_factor, turn_deg, spread_factor)
 

@@ -157,8 +157,8 @@ class AnyAngleFire(Fire):
     def restarted(
         self,
         burning: Burning,
-        wind_factor: float = 1.0,
-        turn_deg: float = 0.0,
+        wind_factor: float | Floats = 1.0,
+        turn_deg: float | Floats = 0.0,
         spread_factor: float | Floats = 1.0,
     ) -> Self:
         """Return a fire that starts from another state, with the same landscape and weather.
@@ -183,8 +183,8 @@ class AnyAngleFire(Fire):
     def continued(
         self,
         model: "AnyAngleFire",
-        wind_factor: float = 1.0,
-        turn_deg: float = 0.0,
+        wind_factor: float | Floats = 1.0,
+        turn_deg: float | Floats = 0.0,
         spread_factor: float | Floats = 1.0,
     ) -> Self:
         """Return a copy that continues in the weather of another fire on the same landscape.
@@ -286,8 +286,8 @@ class AnyAngleFire(Fire):
 
     def perturb(
         self,
-        wind_factor: float,
-        turn_deg: float,
+        wind_factor: float | Floats,
+        turn_deg: float | Floats,
         spread_factor: float | Floats,
         rate_factor: Floats | None = None,
     ) -> None:

@@ -78,6 +78,7 @@ class Devs8Fire(Fire):
             )
         options = RateOptions(wind_limit, crown, foliar_moisture_pct)
         super().__init__(landscape, weather, ignitions, burning, options)
+        self._ignition_intensity_kw_m = ignition_intensity_kw_m
         tables = tables_of(landscape, weather.entries, options)
         self._ground = Ground(
             landscape.shape[1],
@@ -125,13 +126,16 @@ class Devs8Fire(Fire):
     def weather_ahead(self) -> tuple[Weather, ...]:
         return self._entries_ahead(self.weather.entries)
 
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
+    def perturb(
+        self,
+        wind_factor: float | Floats,
+        turn_deg: float | Floats,
+        spread_factor: float | Floats,
+    ) -> None:
         ground, entry = self._ground, self._entry
-        slowest = ground.slowest_m_s
-        self._ground = ground._replace(
-            tables=perturbed(ground.tables, entry, wind_factor, turn_deg, spread_factor),
-            slowest_m_s=np.concatenate([slowest[: entry + 1], slowest[entry:]]),
-        )
+        tables = perturbed(ground.tables, entry, wind_factor, turn_deg, spread_factor)
+        slowest_m_s = _slowest_m_s(tables.terms[..., HEAT], self._ignition_intensity_kw_m)
+        self._ground = ground._replace(tables=tables, slowest_m_s=slowest_m_s)
         self._changes_s.insert(entry, self.time_s)
         self.advance(self.time_s)
 

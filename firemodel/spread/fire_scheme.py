@@ -155,12 +155,19 @@ class Fire(NotebookObject, ABC):
         return self.copy()
 
     @abstractmethod
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
+    def perturb(
+        self,
+        wind_factor: float | Floats,
+        turn_deg: float | Floats,
+        spread_factor: float | Floats,
+    ) -> None:
         """Change wind and spread rate from now on, relative to ``weather``.
 
-        The wind speed is multiplied by ``wind_factor`` and the spread rate by ``spread_factor``: a
-        number, or an array (entries of ``weather_ahead``, burnable fuels in ascending order). The
-        wind direction is turned clockwise by ``turn_deg``.
+        The wind speed is multiplied by ``wind_factor``, and the wind direction is turned clockwise
+        by ``turn_deg``: numbers, or one number for each entry of ``weather_ahead``. The spread rate
+        is multiplied by ``spread_factor``: a number, or an array (entries of ``weather_ahead``,
+        burnable fuels in ascending order). An array with a third axis contains a factor for each
+        term of the rates (``local_spread.Tables``).
         """
 
     def weather_ahead(self) -> tuple[Weather, ...]:

@@ -243,35 +243,47 @@ def _winds(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
 
 
 def perturbed(
-    tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float | Floats
+    tables: Tables,
+    entry: int,
+    wind_factor: float | Floats,
+    turn_deg: float | Floats,
+    spread_factor: float | Floats,
 ) -> Tables:
     """Return tables with one entry split into two parts and the second part changed.
 
     All later entries are changed too. In the changed entries the wind speed is multiplied by
-    ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is
-    multiplied by ``spread_factor``: a number, or an array whose last axis is
-    ``Landscape.burnable_codes`` or the fuel beds, and whose first axis, if there are two, is the
-    changed entries. Raises FireModelError for a factor that is not from 0 to ``MAX_FACTOR``, or a
-    turn that is not a finite number.
+    ``wind_factor``, and the wind direction is turned clockwise by ``turn_deg``: numbers, or one
+    number for each changed entry. The spread rate is multiplied by ``spread_factor``: a number, or
+    an array whose last axis is ``Landscape.burnable_codes`` or the fuel beds, and whose first axis,
+    if there are two, is the changed entries. An array with three axes (changed entries, fuel beds,
+    8) contains a factor for each of ``Tables.terms``. Raises FireModelError for a factor that is
+    not from 0 to ``MAX_FACTOR``, or a turn that is not a finite number.
     """
     factors = np.append(spread_factor, wind_factor)
-    if not (np.all((factors >= 0.0) & (factors <= MAX_FACTOR)) and math.isfinite(turn_deg)):
+    if not (np.all((factors >= 0.0) & (factors <= MAX_FACTOR)) and np.isfinite(turn_deg).all()):
         raise FireModelError(
             f"perturb: wind_factor = {wind_factor}, turn_deg = {turn_deg}, spread_factor = "
             f"{spread_factor}: factors must be 0 to {MAX_FACTOR:g}, the angle in degrees finite"
         )
-    spread_factor = np.asarray(spread_factor)
-    if spread_factor.ndim > 0 and spread_factor.shape[-1] != tables.fuel_of_bed.size:
-        spread_factor = spread_factor[..., tables.fuel_of_bed]
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
-    terms[entry + 1 :, :, 0] *= spread_factor
-    terms[entry + 1 :, :, CROWN] *= spread_factor
+    terms[entry + 1 :] *= _term_factors(np.asarray(spread_factor), tables)
     speed, north, east = tables.wind[entry:, :FIRST_GRID].T
-    wind[entry + 1 :, :FIRST_GRID] = np.stack(
-        [speed * wind_factor, *turned(north, east, turn_deg)], axis=1
-    )
+    turns_deg = np.broadcast_to(turn_deg, speed.shape).tolist()
+    toward = [turned(*each) for each in zip(north, east, turns_deg, strict=True)]
+    wind[entry + 1 :, :FIRST_GRID] = np.column_stack([speed * wind_factor, toward])
     return tables._replace(terms=terms, wind=wind)
+
+
+def _term_factors(spread_factor: Floats, tables: Tables) -> Floats:
+    """Return factors of ``Tables.terms`` from the argument ``spread_factor`` of ``perturbed``."""
+    if spread_factor.ndim == 3:
+        return spread_factor
+    if spread_factor.ndim > 0 and spread_factor.shape[-1] != tables.fuel_of_bed.size:
+        spread_factor = spread_factor[..., tables.fuel_of_bed]
+    found = np.ones((*spread_factor.shape, tables.terms.shape[-1]))
+    found[..., 0] = found[..., CROWN] = spread_factor
+    return found
 
 
 @kernel

@@ -121,9 +121,16 @@ class ProbabilisticFire(Fire):
         found._rng = copy.deepcopy(self._rng)
         return found
 
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
+    def perturb(
+        self,
+        wind_factor: float | Floats,
+        turn_deg: float | Floats,
+        spread_factor: float | Floats,
+    ) -> None:
         """Multiply p_spread by the (mean) ``spread_factor``, and ignore the other arguments."""
-        self._p_spread = min(self._p_spread * float(np.mean(spread_factor)), 1.0)
+        rates = np.asarray(spread_factor)
+        rates = rates[..., 0] if rates.ndim == 3 else rates
+        self._p_spread = min(self._p_spread * float(np.mean(rates)), 1.0)
 
     def draw_from(self, rng: np.random.Generator) -> None:
         self._rng = rng

@@ -113,6 +113,25 @@ def test_perturbed_is_as_if_the_weather_were_so(scheme: str) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["anyangle", "devs8"])
+def test_each_weather_entry_may_have_its_own_change_of_wind(scheme: str) -> None:
+    """The second entry ahead keeps its wind, as if it came after the change."""
+    fire, known = SCHEMES[scheme](CHANGING, None), SCHEMES[scheme](CHANGING, None)
+    fire.advance(NOW_S)
+    assert len(fire.weather_ahead()) == 2
+    fire.perturb(np.array([1.3, 1.0]), np.array([25.0, 0.0]), 1.0)
+    fire.advance(9000.0)
+    known.advance(NOW_S)
+    known.perturb(1.3, 25.0, 1.0)
+    known.advance(6000.0)
+    assert np.array_equal(fire.arrival_time_s <= 6000.0, known.burned())
+    first, now, later = CHANGING.entries
+    changed = replace(now, at_s=NOW_S, wind_speed_m_s=1.3 * now.wind_speed_m_s, wind_from_deg=285.0)
+    expected = SCHEMES[scheme](WeatherStream([first, now, changed, later]), None)
+    expected.advance(9000.0)
+    assert np.array_equal(fire.burned(), expected.burned())
+
+
+@pytest.mark.parametrize("scheme", ["anyangle", "devs8"])
 def test_twice_the_rate_is_half_the_time(scheme: str) -> None:
     """In any fuel, on slopes and in wind, from the time of the change on."""
     steady = WeatherStream([weather(3.0, 200.0)])

@@ -421,3 +421,33 @@ def test_members_of_an_ensemble_crown_like_their_fire() -> None:
     assert window.flame_m[burned] == pytest.approx(
         expected[:, : window.flame_m.shape[1]][burned], rel=1e-5
     )
+
+
+@pytest.mark.parametrize("scheme", ["anyangle", "devs8"])
+@pytest.mark.parametrize("crown", METHODS)
+@pytest.mark.parametrize("factor", [0.7, 1.35])
+def test_a_member_with_other_moisture_burns_as_in_weather_with_this_moisture(
+    scheme: SchemeName, crown: CrownMethod, factor: float
+) -> None:
+    """Grass responds to its moisture differently from the fuel below crowns."""
+    lit = [(20, 5, 0.0)]
+    stream = steady(9.0, 270.0)
+    wetter = WeatherStream([stream.entries[0].with_dead_moisture(factor)])
+    expected = new_fire(scheme, forest(1), wetter, lit, crown=crown)
+    start = Start(new_fire(scheme, forest(1), stream, [], crown=crown), lit)
+    draw = latin_draws(Uncertainty(*[0.0] * len(fields(Uncertainty))), 1, 1, start.fuels)[0]
+    draw = draw._replace(moisture_factor=factor)
+    member = start.member(draw, np.random.default_rng(0))
+    for each in (member, expected):
+        each.advance(1200.0)
+    burned = expected.burned()
+    assert burned.sum() > 50
+    assert np.array_equal(member.burned(), burned)
+    np.testing.assert_allclose(
+        member.arrival_time_s[burned], expected.arrival_time_s[burned], rtol=1e-6, atol=1e-6
+    )
+    window = start.window(member, draw)
+    rows, cols = window.flame_m.shape
+    here = (slice(window.top, window.top + rows), slice(window.left, window.left + cols))
+    flames = behaviour_of(expected).flame_length_m[here]
+    np.testing.assert_allclose(window.flame_m, flames, rtol=1e-4)

@@ -132,7 +132,7 @@ def test_factors_of_fuels_and_members_reach_all_zones(tmp_path: Path) -> None:
     assert not halted.burned()[:, 20:].any()
     start = Start(AnyAngleFire(land, weather, []), [(20, 10, 0.0)])
     wetter, drier = (
-        start.rate_factors(draw._replace(moisture_factor=factor))
+        start.rate_factors(draw._replace(moisture_factor=factor))[..., 0]
         for draw in latin_draws(Uncertainty(), 1, 1, start.fuels)
         for factor in (1.5, 0.7)
     )
