@@ -15,7 +15,8 @@ has a closed form and, as a function of n, only one maximum (``ellipse_kernels.r
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse_kernels import Bounds, changing, steady, to_plane
 from firemodel.ellipses.tiles import Tiles, check_finite, tiles_of
 from firemodel.errors import FireModelError
-from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
 from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 
@@ -50,24 +51,29 @@ class Spread(NamedTuple):
 
 
 def spreads_of(
-    fuel: int, weather: WeatherStream, grid_deg: Callable[[float], float] = float
+    fuel: int,
+    weather: WeatherStream,
+    grid_deg: Callable[[float], float] = float,
+    fuels: Mapping[int, FuelModel] = FUEL_MODELS,
 ) -> tuple[Spread, ...]:
     """Return Rothermel's spread rates for one fuel model on level ground, at each weather change.
 
     As in section IV of Beachly et al., the back and the flanks spread at the no-wind rate. The wind
-    at 20 ft is reduced to midflame height for unsheltered fuel. ``grid_deg`` converts a direction
-    from true north to grid north (``Landscape.grid_deg``); by default the two are assumed to be the
-    same. Raises FireModelError for an unknown fuel.
+    at 20 ft is reduced to midflame height for unsheltered fuel. The moistures are those of this
+    fuel in the weather, without zones. ``grid_deg`` converts a direction from true north to grid
+    north (``Landscape.grid_deg``); by default the two are assumed to be the same. ``fuels`` are the
+    fuel models by code (``Landscape.fuels``). Raises FireModelError for an unknown fuel.
     """
-    if fuel not in FUEL_MODELS:
+    if fuel not in fuels:
         raise FireModelError(
-            f"fuel model {fuel}: unknown; use a fuel model of Anderson or of Scott & Burgan"
+            f"fuel model {fuel}: unknown; use a fuel model of Anderson or of Scott & Burgan, or "
+            "one of the landscape's custom fuels"
         )
-    model = FUEL_MODELS[fuel]
+    model = fuels[fuel]
     factor = float(wind_adjustment_factor(model.depth_ft))
     found = []
     for entry in weather.changes():
-        bed = fuel_bed(model, entry.moisture)
+        bed = fuel_bed(model, replace(entry, of_zones=()).moisture_of(fuel))
         still_m_s = bed.no_wind_rate_ft_min / FT_MIN_PER_M_S
         wind_ft_min = entry.wind_speed_m_s * factor * FT_MIN_PER_M_S
         head_m_s = still_m_s * (1.0 + float(wind_factor(bed, wind_ft_min)))

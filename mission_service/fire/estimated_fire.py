@@ -86,8 +86,8 @@ class EstimatedFire:
         """
         if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
-            fuel = self._burn.fuel_model
-            self._spreads = spreads_of(fuel, stream, self._landscape.grid_deg)
+            land = self._landscape
+            self._spreads = spreads_of(self._burn.fuel_model, stream, land.grid_deg, land.fuels)
         return EllipseFire(self._spreads, sources)
 
     def _corrected(self, base: EllipseFire) -> Simulation:

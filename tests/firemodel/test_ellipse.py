@@ -1,6 +1,7 @@
 """Ellipses from points, compared with closed forms, Huygens' construction and all single pairs."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
 from firemodel.ellipses.ellipse_kernels import reach
 from firemodel.ellipses.line_ignitions import line_sources
 from firemodel.errors import FireModelError
+from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from tests.firemodel.grids import CELL_M, NORTH_M, WEST_M, landscape, weather
@@ -117,6 +120,17 @@ def test_rates_are_rothermels_and_back_and_flank_those_without_wind() -> None:
             toward = math.pi / 2.0 - heading + math.radians(more_deg)
             assert math.cos(spread.toward_rad - toward) == pytest.approx(1.0, abs=1e-9)
     assert windy.head_m_s > 5.0 * still.head_m_s
+
+
+def test_a_fuel_burns_with_its_own_moistures_and_may_be_the_landscape_s() -> None:
+    dry = Moisture(0.03, 0.04, 0.05, 0.3, 0.6)
+    own = replace(weather(), of_fuels=((2, dry),))
+    direct = Weather(0.0, own.wind_speed_m_s, own.wind_from_deg, *(100.0 * x for x in dry.classes))
+    (found,) = spreads_of(2, WeatherStream([own]))
+    assert found == spreads_of(2, WeatherStream([direct]))[0]
+    land = replace(landscape(2), custom_fuels={300: replace(FUEL_MODELS[2], rate_factor=0.5)})
+    (half,) = spreads_of(300, WeatherStream([direct]), fuels=land.fuels)
+    assert half.head_m_s == pytest.approx(0.5 * found.head_m_s)
 
 
 def test_too_wet_to_burn_it_never_comes() -> None:

@@ -1,9 +1,14 @@
 """The estimate of a fire from reports and observations."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from benchmarks.burn_frames import SIDE_M, place
 from firemodel.landscape.default import jacksboro
+from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.physics.rothermel import Moisture
+from firemodel.physics.weather import WeatherStream
 from mission_service.events import Corrected, Erased, IgnitionReported, Place, Undone, WindSet
 from mission_service.fire.estimated_fire import EstimatedFire
 from mission_service.fire.scenario_fire import weather_of
@@ -27,6 +32,22 @@ def times_s(fire: EstimatedFire, *places: Place) -> list[float]:
 def burning(x_m: float, y_m: float, at_s: float) -> Corrected:
     at_us = round(at_s * 1e6)
     return Corrected(at_us, *OPERATOR_FIELDS, "burning", "point", (place(x_m, y_m),), at_us)
+
+
+def test_the_fire_burns_the_fuel_of_the_landscape_with_its_own_moistures() -> None:
+    loaded = scenario()
+    assert loaded.burn is not None
+    land, stream = jacksboro(100, 100, 5.0), weather_of(loaded)
+    code, none = loaded.burn.fuel_model, np.empty((0, 3))
+    slow = replace(land, custom_fuels={code: replace(FUEL_MODELS[code], rate_factor=0.5)})
+    wet = Moisture(0.12, 0.12, 0.12, 1.5, 1.5)
+    wetter = WeatherStream([replace(each, of_fuels=((code, wet),)) for each in stream.entries])
+    head_m_s, slow_m_s, wet_m_s = (
+        EstimatedFire(loaded.burn, *of).lights(none).spreads[0].head_m_s
+        for of in ((land, stream), (slow, stream), (land, wetter))
+    )
+    assert slow_m_s == 0.5 * head_m_s
+    assert 0.0 < wet_m_s < 0.8 * head_m_s
 
 
 def test_a_correction_moves_the_fire_and_undo_moves_it_back() -> None:
