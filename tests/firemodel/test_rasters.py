@@ -15,6 +15,7 @@ from firemodel.landscape.info import describe_rasters
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.layers import layer_of
 from firemodel.landscape.readers.rasters import read_arrival, read_landscape
+from firemodel.physics.fuels import FUEL_MODELS
 from tests.firemodel.grids import CRS, NORTH_M, WEST_M, landscape, write_raster
 
 DATA = Path("/work/shared/data")
@@ -47,6 +48,18 @@ def test_integer_elevation_and_byte_fuel_are_read_too(tmp_path: Path) -> None:
     fuel = write_raster(tmp_path / "fuel.tif", FUEL.astype(np.uint8), nodata=255)
     dem = write_raster(tmp_path / "dem.tif", HEIGHTS.astype(np.int16), nodata=-32768)
     assert elevation(read_two(fuel, dem))[0, 1] == 11.0
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int8, np.int16])
+def test_codes_of_any_type_are_replaced_by_larger_ones(tmp_path: Path, dtype: type) -> None:
+    fuel = write_raster(tmp_path / "fuel.tif", np.full((2, 3), 1, dtype=dtype))
+    dem = write_raster(tmp_path / "dem.tif", HEIGHTS)
+    files = {"fuel": fuel, "elevation": dem}
+    custom = {300: FUEL_MODELS[1]}
+    land = read_landscape(files, fuel_codes={1: 300}, custom_fuels=custom)
+    assert (land.fuel_model == 300).all()
+    with pytest.raises(FireModelError, match="-5"):
+        read_landscape(files, fuel_codes={1: -5})
 
 
 def no_file(path: Path) -> Path:

@@ -197,8 +197,9 @@ def translated(values: NDArray[Any], fuel_codes: Mapping[int, int]) -> NDArray[A
 
     Code 0 (no fuel, as in FARSITE) becomes bare ground, unless ``fuel_codes`` replaces it.
     """
-    found = values.copy()
-    for code, other in ({NO_FUEL: BARE_GROUND} | dict(fuel_codes)).items():
+    others = {NO_FUEL: BARE_GROUND} | dict(fuel_codes)
+    found = values.astype(np.result_type(values, *map(np.min_scalar_type, others.values())))
+    for code, other in others.items():
         found[values == code] = other
     return found
 
