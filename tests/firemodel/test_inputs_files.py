@@ -9,6 +9,7 @@ import pytest
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.inputs_files import read_fuel_moistures, read_inputs
 from firemodel.landscape.readers.weather_files import read_weather
+from firemodel.landscape.readers.weather_records import records_in
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
 from tests.firemodel.shared import shared_file
 from tests.firemodel.test_fuel_files import written
@@ -147,6 +148,66 @@ def test_rain_wets_the_fuel_only_in_its_hours(tmp_path: Path) -> None:
     assert after.dead_1h_pct > before.dead_1h_pct + 10.0
     later = next(each for each in entries if each.at_s == 6.0 * 3600.0)
     assert later.dead_1h_pct < after.dead_1h_pct - 5.0
+
+
+@pytest.mark.parametrize(
+    ("hours", "begin_h", "wet"),
+    [
+        ("1000 1200", 34.0, {34: 0.05, 35: 0.05}),
+        ("1010 1050", 34.0, {34 + 1 / 6: 0.1}),
+        ("2200 200", 46.0, {46: 0.025, 47: 0.025, 48: 0.025, 49: 0.025}),
+        ("0 0", 24.0, dict.fromkeys(range(24, 48), 0.1 / 24)),
+        ("", 24.0, dict.fromkeys(range(24, 48), 0.1 / 24)),
+    ],
+)
+def test_all_the_rain_falls_in_its_hours(
+    tmp_path: Path, hours: str, begin_h: float, wet: dict[float, float]
+) -> None:
+    """Rain of a tenth of an inch falls on 16 July; the wind may change in each quarter hour."""
+    days = WTR.replace("1000 1200", hours) + "7 17 0 600 1400 52 80 70 30 1200\n"
+    quarters = "".join(
+        f"7 16 {hour:02}{minute} 5 270 0\n" for hour in range(24) for minute in (15, 45)
+    )
+    for winds in (WND, f"7 15 0 5 270 0\n{quarters}7 17 2300 5 270 0\n"):
+        written(tmp_path, winds, "a.wnd")
+        rows = records_in(written(tmp_path, days, "a.wtr"), None, None).rows
+        begin = datetime.fromisoformat("2001-07-15T00:00")
+        found: dict[float, float] = {}
+        for _, row in rows:
+            hour = (datetime.fromisoformat(row["time"]) - begin).total_seconds() / 3600.0
+            if float(row["rain_in"]) > 0.0:
+                key = hour if winds == WND else float(hour // 1)
+                found[round(key, 4)] = found.get(round(key, 4), 0.0) + float(row["rain_in"])
+        assert sum(found.values()) == pytest.approx(0.1, abs=1e-4)
+        if winds == WND:
+            assert found == pytest.approx(
+                {round(key, 4): each for key, each in wet.items()}, abs=1e-5
+            )
+        assert min(found) == pytest.approx(begin_h, abs=0.2)
+
+
+NEW_YEAR = "12 30 0 500 1500 50 90 60 20 1200\n12 31 0 500 1500 50 90 60 20 1200\n"
+NEW_YEAR += "1 1 0 500 1500 50 90 60 20 1200\n1 2 0 500 1500 50 90 60 20 1200\n"
+NEW_YEAR_WIND = "12 30 0 5 270 0\n1 1 1100 10 180 50\n"
+
+
+def test_daily_weather_may_begin_in_the_year_before_the_start(tmp_path: Path) -> None:
+    path = written(tmp_path, NEW_YEAR, "a.wtr")
+    written(tmp_path, NEW_YEAR_WIND, "a.wnd")
+    for text, speed_mph in (("2026-12-31T12:00", 5.0), ("2027-01-01T12:00", 10.0)):
+        stream = read_weather(path, start=datetime.fromisoformat(text), moisture=MOISTURE)
+        assert stream.weather_at(0.0).wind_speed_m_s == pytest.approx(speed_mph * M_S_PER_MPH)
+    with pytest.raises(FireModelError, match="2027-12-30"):
+        read_weather(path, start=datetime.fromisoformat("2027-06-01T12:00"), moisture=MOISTURE)
+
+
+def test_the_start_of_an_inputs_file_may_be_after_new_year(tmp_path: Path) -> None:
+    head = HEAD.replace("07 15 2230", "01 01 1200")
+    text = f"{head}WEATHER_DATA: 4\n{NEW_YEAR}WIND_DATA: 2\n{NEW_YEAR_WIND}"
+    stream = read_weather(written(tmp_path, text, "a.input"), moisture=MOISTURE)
+    assert stream.weather_at(0.0).wind_speed_m_s == pytest.approx(10.0 * M_S_PER_MPH)
+    assert stream.source is not None
+    assert stream.source.start == datetime.fromisoformat("2002-01-01T12:00")
 
 
 def test_cell2fires_weather_has_an_hour_a_line(tmp_path: Path) -> None:

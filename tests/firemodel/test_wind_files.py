@@ -193,6 +193,12 @@ def test_an_atm_file_over_the_turn_of_the_year(tmp_path: Path) -> None:
     lines = "WINDS\n12 31 2300 a_vel.asc a_ang.asc\n1 1 0100 a_vel.asc a_ang.asc\n"
     path.write_text(lines, encoding="ascii")
     assert read_wind(WindFiles(path), LAND).at_s == (0.0, 7200.0)
+    for start in (
+        datetime.fromisoformat("2027-01-01T00:00"),
+        datetime(2026, 12, 31, 23, 30, tzinfo=UTC),
+    ):
+        stack = read_wind(WindFiles(path), LAND, [start])
+        assert stack.at_s in ((-3600.0, 3600.0), (-1800.0, 5400.0))
 
 
 def test_a_geotiff_with_times(tmp_path: Path) -> None:

@@ -140,6 +140,16 @@ def time_of(where: str, year: int, fields: list[str]) -> datetime:
         ) from None
 
 
+def began_year_before(first: datetime, last: datetime, start: datetime) -> bool:
+    """Return True if records without years began in the year before that of the start.
+
+    ``first`` and ``last`` are the times of the first and the last record if the first is dated with
+    the year of the start. No time has a UTC offset.
+    """
+    last_before = (last.year - 1, *last.timetuple()[1:6])
+    return first > start and last_before >= start.timetuple()[:6]
+
+
 def is_inputs_file(path: Path) -> bool:
     """Return True for a file with the suffix .input or with an inputs file's first line."""
     if path.suffix.lower() == ".input":

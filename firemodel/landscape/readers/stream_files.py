@@ -3,13 +3,16 @@
 A .wtr file contains each day's minimum and maximum temperature with their hours, and the humidities
 at these hours. Between two such hours temperature and humidity follow a half cosine (Beck & Trevitt
 1989, as in FARSITE). The days before the first and after the last day are assumed to equal the
-first and the last day. A .wnd file contains winds; each wind is used until the time of the next.
+first and the last day. Rain falls evenly from its begin to its end, which is on the next day if it
+is not later than the begin. A .wnd file contains winds; each wind is used until the time of the
+next.
 """
 
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from itertools import pairwise
 from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -54,11 +57,16 @@ class Wind(NamedTuple):
 
 
 class Rain(NamedTuple):
-    """A period of rain, and the amount per hour in the records' unit."""
+    """A period of rain, and its amount in the records' unit."""
 
     begin: datetime
     end: datetime
     amount: float
+
+    def between(self, begin: datetime, end: datetime) -> float:
+        """Return the part of the amount that falls between two times."""
+        common = max(min(self.end, end) - max(self.begin, begin), timedelta(0))
+        return self.amount * (common / (self.end - self.begin))
 
 
 def units_in(path: Path, rows: NumberedRows, default: str = "ENGLISH") -> tuple[str, NumberedRows]:
@@ -87,9 +95,10 @@ def daily_records(
             used only if the file itself has no line with units.
 
     Returns:
-        The units of both files, and a record for each full hour and for each wind change. A record
-        consists of the line number of its wind in the .wnd file, and a list of texts: the time,
-        then the value of each of ``COLUMNS``.
+        The units of both files, and a record for each full hour and for each change of wind or
+        rain. A record consists of the line number of its wind in the .wnd file, and a list of
+        texts: the time, then the value of each of ``COLUMNS``. The rain is the amount until the
+        next record.
 
     Raises:
         FireModelError: A row cannot be used, the units of the files differ, or no wind in the .wnd
@@ -114,23 +123,24 @@ def daily_records(
             f"{wnd[0]}: contains no wind on the days of {wtr[0]}; use files of the same period"
         )
     found = []
-    for at in _times(winds, begin, end):
+    times = _times(winds, rains, begin, end)
+    for at, until in pairwise([*times, times[-1]]):
         index = max(0, bisect_right(winds, at, key=itemgetter(0)) - 1)
         _, line, *wind = winds[index]
         temperature, humidity = _between(extremes, at)
-        wet = sum(rain.amount for rain in rains if rain.begin <= at < rain.end)
-        texts = (f"{temperature:.2f}", f"{humidity:.2f}", f"{wet:.4f}", *wind)
+        wet = sum(rain.between(at, until) for rain in rains)
+        texts = (f"{temperature:.2f}", f"{humidity:.2f}", f"{wet:.6f}", *wind)
         found.append((line, [at.isoformat(), *texts]))
     return unit, found
 
 
-def _times(winds: list[Wind], begin: datetime, end: datetime) -> list[datetime]:
-    """Return the full hours and the times of the winds, from the first wind until ``end``."""
+def _times(winds: list[Wind], rains: list[Rain], begin: datetime, end: datetime) -> list[datetime]:
+    """Return the full hours and times of wind and rain, from the first wind until ``end``."""
     first = max(winds[0][0], begin)
     hour = first.replace(minute=0)
     hours = [hour + number * HOUR for number in range(int((end - hour) / HOUR) + 1)]
-    both = {*hours, *(wind[0] for wind in winds)}
-    return sorted(at for at in both if first <= at <= end)
+    changes = {wind.at for wind in winds} | {at for rain in rains for at in (rain.begin, rain.end)}
+    return sorted(at for at in changes.union(hours) if first <= at <= end)
 
 
 def _weather(
@@ -166,14 +176,11 @@ def _weather(
 def _rain(where: str, fields: list[str], day: datetime, rain_in: float) -> Rain:
     """Return the rain of a day; rain without hours is spread over the whole day."""
     amount = number(where, "rain", fields[2], 0.0, 5000.0) * rain_in
-    begin = day.replace(hour=0, minute=0)
-    end = begin + 24 * HOUR
-    if len(fields) == 12:
-        hours = [number(where, "hour of rain", text, 0.0, 2400.0) for text in fields[10:]]
-        if hours[1] > hours[0]:
-            day_begins = begin
-            begin, end = (day_begins + (hour // 100 + hour % 100 / 60.0) * HOUR for hour in hours)
-    return Rain(begin, end, amount / max((end - begin) / HOUR, 1.0))
+    midnight = day.replace(hour=0, minute=0)
+    texts = fields[10:] or ("0", "2400")
+    clocks = [number(where, "hour of rain", text, 0.0, 2400.0) for text in texts]
+    begin, end = (midnight + (clock // 100 + clock % 100 / 60.0) * HOUR for clock in clocks)
+    return Rain(begin, end if end > begin else end + 24 * HOUR, amount)
 
 
 def winds_in(path: Path, rows: NumberedRows, year: int) -> list[Wind]:

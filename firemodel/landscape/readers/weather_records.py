@@ -1,9 +1,10 @@
 """Read the records of weather files as text, with the column names of the CSV format."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from firemodel.landscape.readers.inputs_files import (
     WND,
     WTR,
     Inputs,
+    began_year_before,
     is_inputs_file,
     read_inputs,
 )
@@ -59,27 +61,29 @@ class Records(NamedTuple):
 def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records:
     """Return the records of a weather file, which is recognised by its suffix or its first line.
 
-    ``wind`` is the .wnd file of a .wtr file. Times in files without a year are given the year of
-    ``start``. If ``start`` is None, the start in an inputs file is returned. Raises FireModelError
-    if the file cannot be used or has no records.
+    ``wind`` is the .wnd file of a .wtr file. The first record of a file without years is given the
+    year of ``start``, or the year before if the records then reach the start. If ``start`` is None,
+    the start in an inputs file is returned. Raises FireModelError if the file cannot be used or has
+    no records.
     """
     suffix = path.suffix.lower()
     if wind is not None and suffix != ".wtr":
         raise FireModelError(f"{wind}: only a .wtr file has a separate wind file; leave it out")
-    year = YEAR if start is None else start.year
     moistures: Mapping[int, Moisture] = {}
     if is_inputs_file(path):
         inputs = read_inputs(path)
-        rows = _inputs_rows(inputs, year)
+        rows = _dated(path, partial(_inputs_rows, inputs), start)
         if inputs.has(MOISTURES):
             moistures = inputs.fuel_moistures()
         if start is None and rows and "time" in rows[0][1]:
-            start = inputs.time(START, time_in(path, *_first_time(rows)).year)
+            start = _start_in(inputs, *_ends(path, rows))
     elif suffix == ".csv":
         rows = _csv_rows(path)
     elif suffix == ".wtr":
         both = table_in(path), table_in(wind or wind_file_of(path))
-        rows = _named(*daily_records(*both, year, ("ENGLISH", "ENGLISH")))
+        rows = _dated(
+            path, lambda year: _named(*daily_records(*both, year, ("ENGLISH", "ENGLISH"))), start
+        )
     else:
         rows = _raws_rows(path)
     if not rows:
@@ -87,8 +91,31 @@ def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records
     return Records(rows, start, moistures)
 
 
-def _first_time(rows: Rows) -> tuple[int, str]:
-    return rows[0][0], rows[0][1]["time"]
+def _dated(path: Path, read: Callable[[int], Rows], start: datetime | None) -> Rows:
+    """Return the records that ``read`` returns for the year of the first of them."""
+    if start is None:
+        return read(YEAR)
+    rows = read(start.year)
+    if rows and "time" in rows[0][1] and start.tzinfo is None:
+        first, last = _ends(path, rows)
+        if began_year_before(first, last, start):
+            return read(start.year - 1)
+    return rows
+
+
+def _ends(path: Path, rows: Rows) -> tuple[datetime, datetime]:
+    """Return the times of the first and of the last record."""
+    first, last = (time_in(path, line, row["time"]) for line, row in (rows[0], rows[-1]))
+    return first, last
+
+
+def _start_in(inputs: Inputs, first: datetime, last: datetime) -> datetime | None:
+    """Return the start in an inputs file with records from ``first`` to ``last``."""
+    start = inputs.time(START, first.year)
+    if start is not None and start < first:
+        later = inputs.time(START, first.year + 1)
+        return later if later is not None and later <= last else start
+    return start
 
 
 def _named(units: str, records: list[tuple[int, list[str]]]) -> Rows:

@@ -26,7 +26,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.gridded_wind import WindStack
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.fuel_files import number, rows_of
-from firemodel.landscape.readers.inputs_files import time_of
+from firemodel.landscape.readers.inputs_files import began_year_before, time_of
 from firemodel.landscape.readers.weather_records import YEAR
 from firemodel.landscape.readers.wind_layers import Time, WindLayer, wind_layers
 from firemodel.landscape.readers.wind_placement import (
@@ -148,7 +148,11 @@ def _atm(files: WindFiles, starts: Sequence[datetime]) -> tuple[list[WindPair], 
             f"{files.path}: an .atm file contains unit, height and times; remove `unit`, `height` "
             "and `at_s`"
         )
-    lines, unit, height = read_atm(files.path, starts[0].year if starts else YEAR)
+    start = _start_for([datetime.min], starts) if starts else None  # noqa: DTZ901
+    year = YEAR if start is None else start.year
+    lines, unit, height = read_atm(files.path, year)
+    if start is not None and began_year_before(lines[0][0], lines[-1][0], start):
+        lines, _, _ = read_atm(files.path, year - 1)
     return [pair_of(speed, direction, at) for at, speed, direction in lines], unit, height
 
 
