@@ -42,6 +42,7 @@ CROWN = ("crown", "foliar_moisture_pct")
 # 50 firebrands for a burning 30 m cell (Perryman et al. 2013), of which 1 % land on receptive fuel,
 # the lowest "ignition frequency" commonly used in FARSITE.
 FIREBRANDS_PER_HA, AIR_TEMPERATURE_C = 5.0, 25.0
+P_SPREAD, UPDATE_S = 0.025, 60.0  # of the probabilistic scheme
 ACCELERATION = "acceleration"
 # Spot fires burn on the clock of the fire that emits them. Instead of accelerating, they begin
 # later, by the eventual delay of an accelerating fire.
@@ -91,12 +92,13 @@ def new_fire(
 
     Raises:
         FireModelError: The cell of an ignition cannot burn, or a setting is out of range.
-        TypeError: The scheme has no setting of that name, or requires a setting that is not given.
+        TypeError: The scheme has no setting of that name.
     """
     import numpy as np
 
     scheme = SCHEMES[name]
     if scheme.random:
+        settings = {"p_spread": P_SPREAD, "update_s": UPDATE_S, **settings}
         settings["rng"] = np.random.default_rng(seed)
     names = [name for name in SPOTTING if name in settings and scheme.emits_firebrands]
     spotting = {name: settings.pop(name) for name in names}

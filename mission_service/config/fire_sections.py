@@ -11,7 +11,13 @@ from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
 from firemodel.landscape.wind_options import North
 from firemodel.physics import CrownMethod
-from firemodel.spread.schemes import AIR_TEMPERATURE_C, FIREBRANDS_PER_HA, SchemeName
+from firemodel.spread.schemes import (
+    AIR_TEMPERATURE_C,
+    FIREBRANDS_PER_HA,
+    P_SPREAD,
+    UPDATE_S,
+    SchemeName,
+)
 from mission_service.config.relief_section import SimulatedBatteriesSection
 from mission_service.config.section_base import (
     Finite,
@@ -224,8 +230,8 @@ class FireSection(Section):
     arrival: Path | None = None
     arrival_unit: Literal["seconds", "minutes", "hours", "days"] = "seconds"
     burning_at_s: NotNegative = 0.0
-    p_spread: Annotated[float, Field(gt=0, le=1)] = 0.025
-    update_s: Positive = 60.0
+    p_spread: Annotated[float, Field(gt=0, le=1)] = P_SPREAD
+    update_s: Positive = UPDATE_S
     initial_cells: Annotated[int, Field(ge=1)] | None = None
 
     @model_validator(mode="after")

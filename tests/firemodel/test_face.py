@@ -86,6 +86,14 @@ def test_a_scheme_by_chance_takes_its_settings() -> None:
     assert not np.array_equal(one, other)
 
 
+def test_a_scheme_by_chance_has_default_settings() -> None:
+    fire = firemodel.burn(landscape(), duration_s=1800.0, scheme="probabilistic")
+    given = firemodel.burn(
+        landscape(), duration_s=1800.0, scheme="probabilistic", p_spread=0.025, update_s=60.0
+    )
+    assert np.array_equal(fire.arrival_time_s, given.arrival_time_s)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
