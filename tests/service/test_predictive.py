@@ -8,6 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from firemodel.assimilation.observation import BURNED, UNBURNED
+from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import BRUSH, Burn, burn, flat, of_one_fuel, wind
 from mission_service.experiments.islam_hu.ideal_flight import fly
@@ -20,8 +21,13 @@ from mission_service.experiments.islam_hu.scenarios import islam_hu_planner
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
 from mission_service.guidance.front.front_estimate import FrontEstimate
 from mission_service.guidance.front.front_mixture import FrontMixture
+from mission_service.guidance.front.front_path import PathSettings
 from mission_service.guidance.front.front_shape import hull_of
-from mission_service.guidance.front.predictive_planner import PredictivePlanner, model_of
+from mission_service.guidance.front.predictive_planner import (
+    PredictivePlanner,
+    PredictiveSettings,
+    model_of,
+)
 from mission_service.guidance.front.robust_front import robust_front
 from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
 from mission_service.replay.distance_error import TrueShape
@@ -190,6 +196,23 @@ def test_ground_speed_along_the_ring_is_that_of_the_wind_triangle() -> None:
     assert values.ahead_s[west] / values.back_s[west] == pytest.approx(1.0, rel=0.05)
     assert values.ahead_s[west] > 1.03 * length / NODES / 0.6
     assert values.ahead_s.sum() > 1.05 * length / 0.6
+
+
+def test_ring_times_use_the_wind_of_the_grid() -> None:
+    """Grid north differs by 15 degrees from true north."""
+    codes = np.full(SHAPE, 1, np.int16)
+    land = Landscape("EPSG:5070", -2.0e6, 1.5e6, 30.0, codes, np.zeros(SHAPE, np.float32))
+    settings = PredictiveSettings(True, True, 0.5, 2.0, True, 1.0, PathSettings(10.0, 2.0))
+    model = model_of(land, wind(0.0, 0.0, 0.0))
+    planner = PredictivePlanner(settings, SHAPE, CENTRE, 0.0, 30.0, model)
+    planner.wind(10.0, land.true_deg(270.0) % 360.0, 0.0)
+    planner._fill_ring()
+    expected, none = ring(slice(0, 0)), np.zeros(BEARINGS)
+    to_east = np.array([0.0, 10.0 / 30.0])
+    fill_ring(planner.fronts.front, none, none, none, 0.5, to_east, planner._node_of, expected)
+    assert abs(land.grid_convergence_deg) > 10.0
+    np.testing.assert_allclose(planner._ring.ahead_s, expected.ahead_s, rtol=1e-9)
+    np.testing.assert_allclose(planner._ring.back_s, expected.back_s, rtol=1e-9)
 
 
 def test_a_vehicle_that_needs_room_turns_less(turning: Burn) -> None:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.landscape import Landscape, turned
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.front_rates import FrontRates
 from mission_service.config.scenario import Scenario
@@ -95,6 +95,7 @@ class PredictivePlanner(LapPlanner):
         fire_map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
         super().__init__(fire_map, settings.clockwise_first, settings.ignition_known)
         self._cell_m = cell_m
+        self._convergence_deg = 0.0 if model is None else model.landscape.grid_convergence_deg
         self.fronts = FrontMixture(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
         self._ring = CoarseRing(*(np.zeros(NODES) for _ in range(5)))
         self._node_of = np.zeros(BEARINGS, dtype=np.int64)
@@ -178,9 +179,11 @@ class PredictivePlanner(LapPlanner):
         estimate, settings = self.estimate, self.settings
         factor_sd = estimate.factor_sd()
         left = LEFT_CELLS * estimate.slant()
-        wind = np.zeros(2)
+        wind = np.zeros(2)  # towards grid north and east
         if settings.flies_in_wind and estimate.wind_m_s is not None:
-            wind = estimate.wind_m_s / settings.wind_20ft_share / self._cell_m
+            north_m_s, east_m_s = estimate.wind_m_s
+            wind = np.array(turned(north_m_s, east_m_s, -self._convergence_deg))
+            wind = wind / settings.wind_20ft_share / self._cell_m
         length: float = fill_ring(
             self.fronts.front,
             self._error(factor_sd),
