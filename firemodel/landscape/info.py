@@ -238,7 +238,8 @@ def in_text(found: Description) -> str:
         )
     if found.get("extent"):
         south, west, north, east = found["extent"]
-        centre = f"{(south + north) / 2:.5f},{(west + east) / 2:.5f}"
+        middle = (west + east + 360.0 * (east < west)) / 2  # east < west across the antimeridian
+        centre = f"{(south + north) / 2:.5f},{middle - 360.0 * (middle > 180.0):.5f}"
         lines.append(
             f"  lat {south:.5f} to {north:.5f}, lon {west:.5f} to {east:.5f}, centre {centre}"
         )

@@ -304,6 +304,15 @@ class Landscape(NotebookObject):
         lat_deg, lon_deg = self.lat_lon_of(*self.xy_of((rows - 1) / 2, (cols - 1) / 2))
         return float(lat_deg), float(lon_deg)
 
+    def unwrapped_deg(self, lon_deg: Any) -> Any:
+        """Return longitudes within 180 degrees of the grid's centre.
+
+        Across the antimeridian, these longitudes continue beyond -180 or 180 degrees.
+        """
+        lon, (_, middle_deg) = np.asarray(lon_deg, dtype=np.float64), self.centre_lat_lon
+        lon = np.where(lon - middle_deg > 180.0, lon - 360.0, lon)
+        return np.where(lon - middle_deg < -180.0, lon + 360.0, lon)
+
     @cached_property
     def grid_convergence_deg(self) -> float:
         """The direction of grid north at the grid's centre, clockwise from true north."""

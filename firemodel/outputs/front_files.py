@@ -35,12 +35,9 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
     from shapely import get_parts, set_precision, transform
     from shapely.geometry.polygon import orient
 
-    _, middle_deg = landscape.centre_lat_lon
-
     def to_lon_lat(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         lat, lon = landscape.lat_lon_of(*xy_m.T)
-        lon = np.where(lon - middle_deg > 180.0, lon - 360.0, lon)
-        return np.stack([np.where(lon - middle_deg < -180.0, lon + 360.0, lon), lat], axis=1)
+        return np.stack([landscape.unwrapped_deg(lon), lat], axis=1)
 
     rounded = _within_180_deg(set_precision(transform(area, to_lon_lat), MIN_DEG))
     shapes = [orient(part) for part in get_parts(rounded) if part.geom_type == "Polygon"]

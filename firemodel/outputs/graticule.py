@@ -72,14 +72,14 @@ def draw_north(axes: Any, land: Landscape) -> None:
 
 
 def _edge_places(land: Landscape, frame: Frame) -> tuple[Floats, Floats]:
-    """Return the latitudes and longitudes of points on the edge of a frame."""
+    """Return the latitudes and (unwrapped) longitudes of points on the edge of a frame."""
     west, east, south, north = (1e3 * each for each in frame)
     along, zero = np.linspace(0.0, 1.0, POINTS), np.zeros(POINTS)
     x = west + (east - west) * np.concatenate([along, along, zero, zero + 1.0])
     y = south + (north - south) * np.concatenate([zero, zero + 1.0, along, along])
     lat_deg, lon_deg = land.lat_lon_of(land.west_m + x, land.south_m + y)
     inside = np.isfinite(lat_deg) & np.isfinite(lon_deg)
-    return lat_deg[inside], lon_deg[inside]
+    return lat_deg[inside], land.unwrapped_deg(lon_deg[inside])
 
 
 def _step_min(span_deg: float) -> float:
@@ -94,7 +94,13 @@ def _crossing(along: Floats, across: Floats, at: float) -> float:
 
 
 def _label(number: int, step_min: float, sides: str) -> str:
-    """Return a label in degrees and decimal minutes, for example 36°21.5′N."""
+    """Return a label in degrees and decimal minutes, for example 36°21.5′N.
+
+    Degrees beyond 180 are those on the other side of the antimeridian.
+    """
+    turn = round(360.0 * 60.0 / step_min)
+    if abs(number) > turn / 2:
+        number -= turn if number > 0 else -turn
     decimals = 2 if step_min < 0.1 else 1 if step_min < 1 else 0
     whole, minutes = divmod(round(abs(number) * step_min, 2), 60.0)
     width = 2 if decimals == 0 else 3 + decimals

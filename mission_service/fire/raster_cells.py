@@ -36,7 +36,8 @@ def raster_cells(event: RasterObserved, landscape: Landscape) -> tuple[int, int,
     lat_deg, lon_deg = _places(landscape, np.arange(top, below), np.arange(left, right))
     rows, cols = states.shape
     row = np.floor((event.north_deg - lat_deg) / (event.north_deg - event.south_deg) * rows)
-    col = np.floor((lon_deg - event.west_deg) / (event.east_deg - event.west_deg) * cols)
+    from_west_deg = (lon_deg - event.west_deg) % 360.0
+    col = np.floor(from_west_deg / (event.east_deg - event.west_deg) * cols)
     inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
     found = np.full(inside.shape, UNSEEN, dtype=np.uint8)
     found[inside] = states[row[inside].astype(np.int64), col[inside].astype(np.int64)]
@@ -65,12 +66,15 @@ def _window(event: RasterObserved, landscape: Landscape) -> tuple[int, int, int,
 def _places(
     landscape: Landscape, rows: NDArray[np.int64], cols: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
-    """Return the latitude and longitude in degrees (y, x) of a window's cell centres."""
+    """Return the latitude and longitude in degrees (y, x) of a window's cell centres.
+
+    Longitudes continue beyond 180 degrees across the antimeridian (``Landscape.unwrapped_deg``).
+    """
     exact_rows, exact_cols = _exact(rows), _exact(cols)
     row, col = np.meshgrid(exact_rows, exact_cols, indexing="ij")
     lat, lon = landscape.lat_lon_of(*landscape.xy_of(row, col))
     down, across = _weights(rows, exact_rows), _weights(cols, exact_cols)
-    return down @ lat @ across.T, down @ lon @ across.T
+    return down @ lat @ across.T, down @ landscape.unwrapped_deg(lon) @ across.T
 
 
 def _exact(indices: NDArray[np.int64]) -> Floats:

@@ -65,7 +65,7 @@ def draw_utm_grid(axes: Any, land: Landscape, frame: Frame) -> tuple[UtmZone, fl
     base = np.array([land.west_m, land.south_m])
     corners = base + 1e3 * np.array([(x, y) for x in (west, east) for y in (south, north)])
     lon, lat = to_lon_lat.transform(*corners.T)
-    zone = zone_of(float(np.mean(lat)), float(np.mean(lon)))
+    zone = zone_of(float(np.mean(lat)), float(np.mean(land.unwrapped_deg(lon))))
     to_utm, from_utm = transformers(zone.crs)[1], transformers(zone.crs)[0]
     e_m, n_m = to_utm.transform(lon, lat)
     span_km = max(float(np.ptp(e_m)), float(np.ptp(n_m))) / 1e3

@@ -31,8 +31,6 @@ ROLES = {
 def stac_item(incident: Incident, files: dict[str, str]) -> dict[str, Any]:
     """Return the item for ``files`` (titles by name), which are in the item's folder."""
     bounds = _bounds(incident)
-    west, south, east, north = bounds
-    ring = [[west, south], [east, south], [east, north], [west, north], [west, south]]
     at = _text(incident, incident.at_s)
     assets = {}
     for name, title in files.items():
@@ -57,7 +55,7 @@ def stac_item(incident: Incident, files: dict[str, str]) -> dict[str, Any]:
         "stac_version": VERSION,
         "stac_extensions": [],
         "id": _identifier(incident),
-        "geometry": {"type": "Polygon", "coordinates": [ring]},
+        "geometry": _geometry(*bounds),
         "bbox": bounds,
         "properties": properties,
         "links": [],
@@ -74,8 +72,23 @@ def _text(incident: Incident, at_s: float) -> str:
     return f"{incident.utc(at_s):%Y-%m-%dT%H:%M:%SZ}"
 
 
+def _geometry(west: float, south: float, east: float, north: float) -> dict[str, Any]:
+    """Return a rectangle (WGS84), cut at the antimeridian if west is greater than east."""
+    spans = [(west, east)] if west <= east else [(west, 180.0), (-180.0, east)]
+    rings = [
+        [[[low, south], [high, south], [high, north], [low, north], [low, south]]]
+        for low, high in spans
+    ]
+    if len(rings) == 1:
+        return {"type": "Polygon", "coordinates": rings[0]}
+    return {"type": "MultiPolygon", "coordinates": rings}
+
+
 def _bounds(incident: Incident) -> list[float]:
-    """Return west, south, east, north (WGS84) of the landscape, which the rasters cover."""
+    """Return west, south, east, north (WGS84) of the landscape, which the rasters cover.
+
+    Across the antimeridian, west is greater than east (RFC 7946, 5.2).
+    """
     land = incident.landscape
     east_m = land.west_m + land.shape[1] * land.cell_size_m
     to_lon_lat = transformers(land.crs)[0]

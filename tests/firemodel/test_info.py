@@ -19,6 +19,23 @@ FUEL = np.array([[1, 1, 99, 101], [98, 102, 2, 1]], dtype=np.int16)
 HEIGHTS = np.linspace(10.0, 17.0, 8, dtype=np.float32).reshape(2, 4)
 
 
+def test_the_centre_of_a_raster_across_the_antimeridian(tmp_path: Path) -> None:
+    path = tmp_path / "fuel.tif"
+    place = {
+        "crs": "EPSG:32701",
+        "transform": rasterio.Affine(30.0, 0.0, 177_000.0, 0.0, -30.0, 8e6),
+    }
+    size = {"height": 200, "width": 200, "count": 1, "dtype": "int16"}
+    with rasterio.open(path, "w", driver="GTiff", **size, **place) as file:
+        file.write(np.full((1, 200, 200), 1, np.int16))
+    found = describe(path)
+    _, west, _, east = found["extent"]
+    assert west > 179.0
+    assert east < -179.0
+    (centre,) = re.findall(r"centre (\S+)", in_text(found))
+    assert abs(float(centre.split(",")[1])) == pytest.approx(180.0, abs=0.05)
+
+
 def test_what_is_in_a_single_raster(tmp_path: Path) -> None:
     """Two of eight cells do not burn; the extent is that of UTM 16 at 87 W."""
     path = write_raster(tmp_path / "fuel.tif", FUEL, nodata=-9999)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import (
     draw_map,
@@ -113,6 +114,18 @@ def test_the_graticule_has_round_coordinates_at_the_right_places(km: float, labe
     x_km, _ = km_of(land, 0.0, int(degrees) + float(minutes) / 60.0)
     assert found[label] == pytest.approx(x_km, abs=0.002 * km)
     assert 2 <= len(found) <= 8
+
+
+def test_the_graticule_continues_across_the_antimeridian() -> None:
+    from matplotlib.figure import Figure
+
+    land = flat_landscape(200, 200, 30.0, -16.8, 180.0)
+    axes = Figure().add_subplot()
+    draw_graticule(axes, land, (0.0, 6.0, 0.0, 6.0))
+    axes.figure.canvas.draw()
+    labels = [each.get_text() for each in axes.get_xticklabels()]
+    assert labels == ["179°59′E", "180°00′E", "179°59′W"]
+    assert axes.get_xticks()[1] == pytest.approx(3.0, abs=0.05)
 
 
 def test_isochrones_and_colours_of_a_fire_taken_over_start_with_it() -> None:

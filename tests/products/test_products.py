@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from xml.etree.ElementTree import Element, fromstring
 from zipfile import ZipFile
 
@@ -15,13 +15,18 @@ import numpy as np
 import pyogrio
 import pytest
 import rasterio
+import shapely
 from click.testing import CliRunner
 from pypdf import PdfReader
 from rio_cogeo.cogeo import cog_validate
+from shapely.geometry import shape
 
+from firemodel.landscape.flat import flat_landscape
 from mission_service.cli.main import main
 from mission_service.config.scenario import load_scenario
 from mission_service.products.geospatial_pdf import CORNERS
+from mission_service.products.incident import Incident
+from mission_service.products.stac_item import stac_item
 from mission_service.simulation.sim import simulate
 
 ZERO = "2026-08-01T14:00-04:00"
@@ -230,6 +235,21 @@ def test_the_png_has_the_same_georeference_as_the_pdf(made: Path) -> None:
     x, y = transformers("EPSG:32616")[1].transform(lon, lat)
     assert x == pytest.approx(west + box[0] * x_m, abs=1.0)
     assert y == pytest.approx(north - (1700.0 - box[1]) * y_m, abs=1.0)
+
+
+def test_the_stac_item_across_the_antimeridian_has_two_polygons() -> None:
+    land, none = flat_landscape(200, 200, 30.0, -16.8, 180.0), cast(Any, None)
+    at = datetime.fromisoformat(ZERO)
+    incident = Incident("fire", land, 0.0, at, False, none, 0.0, none, none, none, none, none)
+    item = stac_item(incident, {})
+    west, south, east, north = item["bbox"]
+    assert (west > 179.0, east < -179.0) == (True, True)
+    area = shape(item["geometry"])
+    assert area.is_valid
+    assert [each.bounds for each in shapely.get_parts(area)] == [
+        (west, south, 180.0, north),
+        (-180.0, south, east, north),
+    ]
 
 
 def test_the_stac_item_lists_every_file(made: Path) -> None:

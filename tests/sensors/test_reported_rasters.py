@@ -15,6 +15,7 @@ from affine import Affine
 
 from firemodel.assimilation.observation import BURNED, UNBURNED
 from firemodel.errors import FireModelError
+from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
 from mission_service.core.request_events import event_of
@@ -30,6 +31,7 @@ from tests.api.worlds import SMALL, World, client, scenario_of, served, world_in
 
 SCENARIO = load_scenario("default", ("planner.rule=circling",))
 EMPTY = SCENARIO.model_copy(update={"simulation": type(SCENARIO.simulation)(), "ignition": ()})
+EDGES = ("south_deg", "west_deg", "north_deg", "east_deg")
 PATH = "/api/v1/fire/observations"
 
 
@@ -96,6 +98,26 @@ def test_each_cell_of_the_grid_has_the_state_of_the_raster_at_its_centre(land: L
     expected[inside] = states[down[inside].astype(int), right[inside].astype(int)]
     assert np.count_nonzero(inside) > 15_000
     assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize("lon_deg", [178.5, 180.0])
+def test_rasters_on_both_sides_of_the_antimeridian(lon_deg: float) -> None:
+    land = flat_landscape(60, 60, 30.0, -16.8, lon_deg)
+    places = land.lat_lon_of(*land.xy_of(np.array([40.0, 20.0]), np.array([5.0, 55.0])))
+    (south, north), (west, east) = (np.asarray(each).tolist() for each in places)
+    sides = [(west, east)] if west < east else [(west, 180.0), (-180.0, east)]
+    for left_deg, right_deg in sides:
+        edges_deg = dict(zip(EDGES, (south, left_deg, north, right_deg), strict=True))
+        request = {"do": "raster", "by": "gus", "station": "tower", **edges_deg, "rows": ["b"]}
+        event = event_of({**request, "age_s": 0.0}, 600_000_000)
+        assert isinstance(event, RasterObserved)
+        _, left, states = raster_cells(event, land)
+        _, cols = np.nonzero(states == BURNED)
+        col_of = [
+            land.row_col_of(*land.xy_of_lat_lon(south, lon))[1] for lon in (left_deg, right_deg)
+        ]
+        assert cols.min() + left == pytest.approx(float(col_of[0]), abs=1.5)
+        assert cols.max() + left == pytest.approx(float(col_of[1]), abs=1.5)
 
 
 def test_a_raster_that_covers_the_landscape_and_more_shows_all_of_it(land: Landscape) -> None:
