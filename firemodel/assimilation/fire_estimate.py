@@ -30,7 +30,7 @@ from firemodel.assimilation.camera_window import block_excess
 from firemodel.assimilation.estimate_forecast import Forecast, LearnedFront, arrivals_of
 from firemodel.assimilation.held_cells import HeldCells
 from firemodel.assimilation.member_fire import MemberFire
-from firemodel.assimilation.member_inputs import members_of, updated, walked
+from firemodel.assimilation.member_inputs import members_of, updated, walked, with_some_wind
 from firemodel.assimilation.observation import BURNED, UNSEEN, Observation, despeckled
 from firemodel.assimilation.perimeter_rates import FrontRates, RatePrior, segments_of
 from firemodel.assimilation.written_image import with_image
@@ -106,7 +106,7 @@ class FireEstimate:
         self._rng = np.random.default_rng((own.seed, 1))
         fuels = len(landscape.burnable_codes)
         draws = latin_draws(own.uncertainty, own.seed, own.members, fuels)
-        self.members = members_of(draws, weather.weather_at(0.0))
+        self.members = members_of(draws)
         self._prior = own.rate_prior
         self._rates: FrontRates | None = None
         self._held = HeldCells(landscape.shape)
@@ -121,7 +121,8 @@ class FireEstimate:
 
     def _unlit(self, landscape: Landscape) -> AnyAngleFire:
         """Return a fire without burned cells, in the reported weather."""
-        found = AnyAngleFire(landscape, self.weather, [], **self._scheme_settings)
+        weather = with_some_wind(self.weather)
+        found = AnyAngleFire(landscape, weather, [], **self._scheme_settings)
         found.add_closings(self._closings)
         return found
 
@@ -170,8 +171,8 @@ class FireEstimate:
             self.advance(max(at_s, self.time_s), each)
         self.weather = weather
         self.model = self._unlit(self.landscape)
-        wind_m_s = self.members.wind_m_s
-        self.members = self.members._replace(wind_m_s=wind_m_s - wind_m_s.mean(axis=0))
+        error = self.members.wind_error
+        self.members = self.members._replace(wind_error=error - error.mean(axis=0))
 
     @property
     def begun(self) -> bool:
@@ -199,7 +200,8 @@ class FireEstimate:
                 f"the estimate is at {self.time_s} s and cannot go back to {to_time_s} s"
             )
         self._fires = self._burned_until(to_time_s, self.model, each)
-        self.members = walked(self.members, to_time_s - self.time_s, self._rng)
+        reported = self.weather.weather_at(self.time_s)
+        self.members = walked(self.members, to_time_s - self.time_s, reported, self._rng)
         self._shared, self._rates = None, None
         self.time_s, self._forecast = to_time_s, None
 
@@ -253,13 +255,13 @@ class FireEstimate:
 
         The fuels of ``model`` may differ from those of the landscape.
         """
-        reported = self.weather.weather_at(self.time_s)
+        reported = model.weather.since(self.time_s).changes()
         known = self.landscape.burnable_codes
         place = [known.index(code) for code in model.landscape.burnable_codes]
 
         def burned(number: int) -> MemberFire:
-            factor, turn_deg = self.members.wind_change(number, reported)
-            inputs = (factor, turn_deg, np.exp(self.members.log_rate[number, place]))
+            rates = np.exp(self.members.log_rate[number, place])
+            inputs = (*self.members.wind_changes(number, reported), rates)
             if self._shared is not None:
                 fire = model.restarted(self._shared, *inputs)
             else:

@@ -1,22 +1,28 @@
 """Draw and update the uncertain inputs of an ensemble's members: wind and spread rates.
 
-A member's inputs are a vector in m/s that is added to the reported wind, and the logarithm of a
-factor of the spread rate in each fuel. A wind vector (true east, true north) points in the
-direction from which the wind blows. The ensemble Kalman filter (Evensen 1994; with perturbed
-observations, Burgers et al. 1998) updates these inputs from observations.
+A member's inputs are an error of the wind, and the logarithm of a factor of the spread rate in each
+fuel. The wind error is a vector along and across the reported wind, in units of its speed.
+Therefore one error applies to all weather entries: in each entry it is the same factor and turn of
+the reported wind, except in light winds, where an error in proportion to the speed would vanish.
+The ensemble Kalman filter (Evensen 1994; with perturbed observations, Burgers et al. 1998) updates
+these inputs from observations.
 """
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from firemodel.arrays import Floats
 from firemodel.ensemble.draws import Draw
-from firemodel.physics.weather import Weather
+from firemodel.physics.weather import Weather, WeatherStream
 
 MIN_WIND_M_S = 0.1  # lower limit of the reported wind, by which members' winds are divided
+LIGHT_WIND_M_S = 2.0  # below this reported speed, errors are as large as at this speed
 MAX_LOG_RATE = 2.0  # limit of ln of a spread-rate factor (7.4)
+MAX_WIND_ERROR = 3.0  # limit of the components of a wind error, in units of the reported speed
 MAX_WIND_OFFSET_M_S = 15.0
 # Standard deviations of the random changes of the inputs in one hour. These changes represent a
 # changing wind and keep the members different.
@@ -27,47 +33,51 @@ RATE_WALK_LOG = 0.08
 class Members(NamedTuple):
     """The uncertain inputs of an ensemble."""
 
-    wind_m_s: Floats  # (members, 2) the vector (east, north) added to the reported wind
+    # (members, 2) the vector (along the reported wind, across it to the right) added to the
+    # reported wind, divided by its speed
+    wind_error: Floats
     log_rate: Floats  # (members, fuels) logarithm of the factors of the spread rate
 
     @property
     def size(self) -> int:
         """The number of members."""
-        return len(self.wind_m_s)
+        return len(self.wind_error)
 
-    def wind_change(self, number: int, reported: Weather) -> tuple[float, float]:
-        """Return the factor and the clockwise turn in degrees of a member's wind."""
-        speed = speed_m_s(reported)
-        east, north = wind_vector(speed, reported.wind_from_deg) + self.wind_m_s[number]
-        turn_deg = math.degrees(math.atan2(east, north)) - reported.wind_from_deg
-        return math.hypot(east, north) / speed, turn_deg % 360.0
+    def wind_changes(self, number: int, reported: Sequence[Weather]) -> tuple[Floats, Floats]:
+        """Return the factors and clockwise turns in degrees of a member's wind in each entry.
 
-
-def speed_m_s(reported: Weather) -> float:
-    """Return the reported wind speed, at least ``MIN_WIND_M_S``."""
-    return max(reported.wind_speed_m_s, MIN_WIND_M_S)
-
-
-def wind_vector(wind_m_s: float, from_deg: float) -> Floats:
-    """Return the vector (east, north) in m/s that points in the direction the wind comes from."""
-    from_rad = math.radians(from_deg)
-    return wind_m_s * np.array([math.sin(from_rad), math.cos(from_rad)])
+        ``reported`` are entries of a stream returned by ``with_some_wind``.
+        """
+        speed_m_s = np.array([entry.wind_speed_m_s for entry in reported])
+        offset_m_s = np.outer(self.wind_error[number], np.maximum(speed_m_s, LIGHT_WIND_M_S))
+        along, across = np.clip(offset_m_s, -MAX_WIND_OFFSET_M_S, MAX_WIND_OFFSET_M_S)
+        along += speed_m_s
+        return np.hypot(along, across) / speed_m_s, np.degrees(np.arctan2(across, along))
 
 
-def members_of(draws: list[Draw], reported: Weather) -> Members:
-    """Return the members for the drawn errors, in the reported weather.
+def with_some_wind(weather: WeatherStream) -> WeatherStream:
+    """Return a stream with wind speeds of at least ``MIN_WIND_M_S``, to which factors apply."""
+    entries = (
+        replace(entry, wind_speed_m_s=max(entry.wind_speed_m_s, MIN_WIND_M_S))
+        for entry in weather.entries
+    )
+    return WeatherStream(tuple(entries), weather.source)
+
+
+def members_of(draws: list[Draw]) -> Members:
+    """Return the members for the drawn errors.
 
     The moisture factor becomes a spread-rate factor: if the moisture of dead fuel rises by a small
     fraction, rates fall by about the same fraction (Rothermel 1972, for moistures of 5 to 10 %).
     """
     wind, rates = [], []
     for draw in draws:
-        from_deg = reported.wind_from_deg + draw.turn_deg
-        wind.append(wind_vector(speed_m_s(reported) * draw.wind_factor, from_deg))
+        turn_rad = math.radians(draw.turn_deg)
+        along, across = math.cos(turn_rad), math.sin(turn_rad)
+        wind.append([draw.wind_factor * along - 1.0, draw.wind_factor * across])
         common = math.log(draw.spread_factor) - math.log(draw.moisture_factor)
         rates.append(common + np.log(draw.fuel_factors))
-    given = wind_vector(speed_m_s(reported), reported.wind_from_deg)
-    return Members(np.array(wind) - given, np.array(rates))
+    return Members(np.array(wind), np.array(rates))
 
 
 def updated(
@@ -82,7 +92,7 @@ def updated(
         error_sd_m: (observations) the standard deviations of the errors in these distances.
         rng: The random generator.
     """
-    inputs = np.hstack([members.wind_m_s, members.log_rate])
+    inputs = np.hstack([members.wind_error, members.log_rate])
     deviation = inputs - inputs.mean(axis=0)
     spread_m = excess_m - excess_m.mean(axis=0)
     freedom = max(members.size - 1, 1)
@@ -93,17 +103,18 @@ def updated(
     return bounded(Members(inputs[:, :2], inputs[:, 2:]))
 
 
-def walked(members: Members, for_s: float, rng: np.random.Generator) -> Members:
+def walked(members: Members, for_s: float, reported: Weather, rng: np.random.Generator) -> Members:
     """Return the members after random changes of their inputs during ``for_s`` seconds."""
     share = math.sqrt(max(for_s, 0.0) / 3600.0)
-    wind = rng.standard_normal(members.wind_m_s.shape) * WIND_WALK_M_S * share
+    walk = WIND_WALK_M_S / max(reported.wind_speed_m_s, LIGHT_WIND_M_S)
+    wind = rng.standard_normal(members.wind_error.shape) * walk * share
     rate = rng.standard_normal(members.log_rate.shape) * RATE_WALK_LOG * share
-    return bounded(Members(members.wind_m_s + wind, members.log_rate + rate))
+    return bounded(Members(members.wind_error + wind, members.log_rate + rate))
 
 
 def bounded(members: Members) -> Members:
     """Return the members with their inputs limited to the bounds."""
     return Members(
-        np.clip(members.wind_m_s, -MAX_WIND_OFFSET_M_S, MAX_WIND_OFFSET_M_S),
+        np.clip(members.wind_error, -MAX_WIND_ERROR, MAX_WIND_ERROR),
         np.clip(members.log_rate, -MAX_LOG_RATE, MAX_LOG_RATE),
     )

@@ -1,6 +1,7 @@
 """An estimate is corrected by observations from cameras and mapped perimeters."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from firemodel.assimilation.observation import (
     mapped_perimeter,
 )
 from firemodel.assimilation.scores import overlap
+from firemodel.ensemble.draws import latin_draws
 from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.errors import FireModelError
 from firemodel.landscape.flat import flat_landscape
@@ -82,6 +84,48 @@ def test_a_side_that_is_held_stays_in_the_forecast() -> None:
     flank = probability[:, MIDDLE[1] - 2]
     moving = flank[(flank > 0.0) & (flank < 1.0)].max()
     assert held.max() < 0.5 < moving
+
+
+def in_winds(*winds_m_s: float) -> WeatherStream:
+    """Return westerly winds that change every half hour."""
+    entry = WIND.entries[0]
+    return WeatherStream(
+        [
+            replace(entry, at_s=1800.0 * number, wind_speed_m_s=speed_m_s)
+            for number, speed_m_s in enumerate(winds_m_s)
+        ]
+    )
+
+
+def test_a_lull_does_not_raise_the_later_winds_of_members() -> None:
+    later_s = 5400.0
+    areas = []
+    for winds_m_s in ((6.0, 6.0, 6.0), (6.0, 0.3, 6.0), (6.0, 0.0, 6.0)):
+        estimate = FireEstimate(LAND, in_winds(*winds_m_s), [(*MIDDLE, 0.0)], EstimateSettings(20))
+        estimate.advance(2400.0)
+        areas.append(float(estimate.forecast(later_s).burn_probability(later_s).sum()))
+    steady, lull, calm = areas
+    assert lull < 0.8 * steady
+    assert calm == pytest.approx(lull, rel=0.1)
+
+
+def test_members_have_the_drawn_winds_in_each_later_entry_and_differ_in_calm() -> None:
+    stream = in_winds(0.0, 6.0, 12.0)
+    settings = EstimateSettings(20, 3)
+    estimate = FireEstimate(LAND, stream, [(*MIDDLE, 0.0)], settings)
+    fuels = len(LAND.burnable_codes)
+    calm_m_s = []
+    for number, draw in enumerate(latin_draws(settings.uncertainty, 3, 20, fuels)):
+        reported = estimate.model.weather.entries
+        factors, turns_deg = estimate.members.wind_changes(number, reported)
+        assert factors[1] == pytest.approx(draw.wind_factor)
+        assert turns_deg[1] == pytest.approx((draw.turn_deg + 180.0) % 360.0 - 180.0)
+        calm_m_s.append(factors[0] * reported[0].wind_speed_m_s)
+        if factors[1] < 2.0:  # larger errors of strong winds are limited
+            assert factors[2] == pytest.approx(draw.wind_factor)
+            assert turns_deg[2] == pytest.approx(turns_deg[1])
+    assert 0.5 < np.median(calm_m_s) < 2.5
+    assert max(calm_m_s) < 6.0
 
 
 def test_threads_do_not_change_the_estimate() -> None:

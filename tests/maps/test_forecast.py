@@ -85,7 +85,7 @@ def test_the_ensemble_is_the_same_however_its_inputs_are_divided() -> None:
     parts = begun
     for each in inputs:
         parts = processed(parts, [each])
-    assert np.array_equal(whole.members.wind_m_s, parts.members.wind_m_s)
+    assert np.array_equal(whole.members.wind_error, parts.members.wind_error)
     until_s = whole.time_s + HOUR_S
     shares = [each.forecast(until_s).burn_probability(until_s) for each in (whole, parts)]
     assert np.array_equal(*shares)  # type: ignore[arg-type]
