@@ -106,7 +106,7 @@ class FireEstimate:
         self._rng = np.random.default_rng((own.seed, 1))
         fuels = len(landscape.burnable_codes)
         draws = latin_draws(own.uncertainty, own.seed, own.members, fuels)
-        self.members = members_of(draws)
+        self.members = members_of(draws, weather.weather_at(0.0).wind_from_deg)
         self._prior = own.rate_prior
         self._rates: FrontRates | None = None
         self._held = HeldCells(landscape.shape)

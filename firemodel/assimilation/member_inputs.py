@@ -1,9 +1,12 @@
 """Draw and update the uncertain inputs of an ensemble's members: wind and spread rates.
 
 A member's inputs are an error of the wind, and the logarithm of a factor of the spread rate in each
-fuel. The wind error is a vector along and across the reported wind, in units of its speed.
-Therefore one error applies to all weather entries: in each entry it is the same factor and turn of
-the reported wind, except in light winds, where an error in proportion to the speed would vanish.
+fuel. The wind error is a vector (true east, true north) in units of the reported speed, so that it
+applies to each weather entry: as long as the reported direction stays the same, it is the same
+factor and turn of the reported wind. In light winds the error does not vanish with the speed. The
+vector does not turn with the reported wind, because it also represents errors of the fuel map and
+held ground, which have fixed directions: a vector that turned gave larger errors of forecasts
+(``benchmarks.estimate_twins``). A wind vector points in the direction from which the wind blows.
 The ensemble Kalman filter (Evensen 1994; with perturbed observations, Burgers et al. 1998) updates
 these inputs from observations.
 """
@@ -33,8 +36,7 @@ RATE_WALK_LOG = 0.08
 class Members(NamedTuple):
     """The uncertain inputs of an ensemble."""
 
-    # (members, 2) the vector (along the reported wind, across it to the right) added to the
-    # reported wind, divided by its speed
+    # (members, 2) the vector (east, north) added to the reported wind, divided by its speed
     wind_error: Floats
     log_rate: Floats  # (members, fuels) logarithm of the factors of the spread rate
 
@@ -49,10 +51,12 @@ class Members(NamedTuple):
         ``reported`` are entries of a stream returned by ``with_some_wind``.
         """
         speed_m_s = np.array([entry.wind_speed_m_s for entry in reported])
+        from_deg = np.array([entry.wind_from_deg for entry in reported])
         offset_m_s = np.outer(self.wind_error[number], np.maximum(speed_m_s, LIGHT_WIND_M_S))
-        along, across = np.clip(offset_m_s, -MAX_WIND_OFFSET_M_S, MAX_WIND_OFFSET_M_S)
-        along += speed_m_s
-        return np.hypot(along, across) / speed_m_s, np.degrees(np.arctan2(across, along))
+        offset_m_s = np.clip(offset_m_s, -MAX_WIND_OFFSET_M_S, MAX_WIND_OFFSET_M_S)
+        east, north = speed_m_s * unit_vector(from_deg) + offset_m_s
+        turn_deg = np.degrees(np.arctan2(east, north)) - from_deg
+        return np.hypot(east, north) / speed_m_s, turn_deg % 360.0
 
 
 def with_some_wind(weather: WeatherStream) -> WeatherStream:
@@ -64,20 +68,24 @@ def with_some_wind(weather: WeatherStream) -> WeatherStream:
     return WeatherStream(tuple(entries), weather.source)
 
 
-def members_of(draws: list[Draw]) -> Members:
-    """Return the members for the drawn errors.
+def unit_vector(from_deg: float | Floats) -> Floats:
+    """Return the unit vector (east, north) in the direction from which the wind blows."""
+    from_rad = np.radians(from_deg)
+    return np.stack([np.sin(from_rad), np.cos(from_rad)])
+
+
+def members_of(draws: list[Draw], from_deg: float) -> Members:
+    """Return the members for the drawn errors, with the reported wind direction.
 
     The moisture factor becomes a spread-rate factor: if the moisture of dead fuel rises by a small
     fraction, rates fall by about the same fraction (Rothermel 1972, for moistures of 5 to 10 %).
     """
     wind, rates = [], []
     for draw in draws:
-        turn_rad = math.radians(draw.turn_deg)
-        along, across = math.cos(turn_rad), math.sin(turn_rad)
-        wind.append([draw.wind_factor * along - 1.0, draw.wind_factor * across])
+        wind.append(draw.wind_factor * unit_vector(from_deg + draw.turn_deg))
         common = math.log(draw.spread_factor) - math.log(draw.moisture_factor)
         rates.append(common + np.log(draw.fuel_factors))
-    return Members(np.array(wind), np.array(rates))
+    return Members(np.array(wind) - unit_vector(from_deg), np.array(rates))
 
 
 def updated(
