@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.ops import substring
 
-from autopilot_bridge.items import AMSL_FRAMES, Items, at_altitudes, waypoint
+from autopilot_bridge.items import AMSL_FRAMES, Items, at_altitudes, has_position, waypoint
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
@@ -147,14 +147,16 @@ class Evasions:
             if path is None or math.dist(path[-1], vehicle.home_m) > NEAR_HOME_M:
                 return None
             if airspace.volume_at(position_of(fix)) is None:
-                items = self._guidance.items(vehicle, path, fix)
+                choices = [self._guidance.items(vehicle, path, fix)]
             else:
-                items = without_climb(self._straight_off(vehicle, path, fix))
-            places = self._space.route(vehicle, items)
-            if self._around_conflict(vehicle, fix, places, airspace) is None:
-                state.evasion = Evasion.AROUND
-                why = "fly home clear of closed airspace and terrain"
-                return self._upload(vehicle, path, items, places, fix, why, state)
+                direct = without_climb(self._straight_off(vehicle, path, fix))
+                choices = [_level_at_first(direct, vehicle, fix), direct]
+            for items in choices:
+                places = self._space.route(vehicle, items)
+                if self._around_conflict(vehicle, fix, places, airspace) is None:
+                    state.evasion = Evasion.AROUND
+                    why = "fly home clear of closed airspace and terrain"
+                    return self._upload(vehicle, path, items, places, fix, why, state)
         return None
 
     def conflict(
@@ -368,3 +370,15 @@ class Evasions:
             if airspace.conflict(parts, self._landscape, start) is None:
                 return msgspec.structs.replace(command, items=items), cut_places
         return None
+
+
+def _level_at_first(items: Items, vehicle: Vehicle, fix: PositionFix) -> Items:
+    """Return a mission whose first leg does not descend if a multirotor flies it.
+
+    On a steep descent a multirotor flies slowly, and would stay inside a closed volume for long.
+    """
+    first = next(seq for seq, item in enumerate(items) if has_position(item.command))
+    if vehicle.section.winged or items[first].z >= fix.altitude_m:
+        return items
+    level = replace(items[first], z=round(fix.altitude_m, 1))
+    return (*items[:first], level, *items[first + 1 :])
