@@ -44,6 +44,8 @@ LEVEL_CLEARANCE_M = 30.0  # least height above ground in level flight out of a v
 CLIMB_STEP_M = 5.0  # between the altitudes to which a multirotor may climb first
 DETOURS = (1.0, 3.0)  # a mission has fewer corners than its detour, and so passes nearer
 CUTS_M = (0.0, 150.0, 300.0, 600.0)  # the path is shortened by each length in turn until it is free
+# The limit of the flight time of a way out without drawbacks, from that of the fastest way out.
+LONGER_FACTOR, LONGER_S = 2.0, 30.0
 
 
 class Evasions:
@@ -72,12 +74,15 @@ class Evasions:
         around = self._around(fix, airspace)
         beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
-        # If there is no other way out, a plane may fly towards rising ground, or enter another
-        # volume during its turn, and a multirotor may climb first.
-        found, drawbacks = None, (True, True)
+        # If there is no other way out that does not take much longer, a plane may fly towards rising
+        # ground, or enter another volume during its turn, and a multirotor may climb first.
+        found, drawbacks, limit_s = None, (True, True), math.inf
         exits = exits_from((fix.x_m, fix.y_m), blocked, beyond_m)
         air_m_s = self._air_velocity_m_s(vehicle, fix.at_s)
         for place in sorted(exits, key=lambda each: to_place_s(vehicle, fix, each, air_m_s)):
+            out_s = to_place_s(vehicle, fix, place, air_m_s)
+            if out_s > limit_s:
+                break
             path = np.array([(fix.x_m, fix.y_m), place])
             planned = self._straight_off(vehicle, path, fix)
             items = without_climb(planned)
@@ -89,6 +94,8 @@ class Evasions:
                 turns_into = self._enters_another(places, fix, airspace, turn) is not None
                 climbs = math.dist(places[0].position[:2], (fix.x_m, fix.y_m)) < 1.0
                 of_this = (items != planned or climbs, turns_into)
+                if found is None:
+                    limit_s = LONGER_FACTOR * out_s + LONGER_S
                 if found is None or of_this < drawbacks:
                     found, drawbacks = (path, way, places), of_this
             if drawbacks == (False, False):
