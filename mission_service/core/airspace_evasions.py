@@ -74,8 +74,8 @@ class Evasions:
         around = self._around(fix, airspace)
         beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
-        # If there is no other way out that does not take much longer, a plane may fly towards rising
-        # ground, or enter another volume during its turn, and a multirotor may climb first.
+        # Unless another way out takes little longer, a plane may fly towards rising ground, or enter
+        # another volume during its turn, and a multirotor may climb first.
         found, drawbacks, limit_s = None, (True, True), math.inf
         exits = exits_from((fix.x_m, fix.y_m), blocked, beyond_m)
         air_m_s = self._air_velocity_m_s(vehicle, fix.at_s)
