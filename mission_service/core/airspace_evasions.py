@@ -74,7 +74,7 @@ class Evasions:
         around = self._around(fix, airspace)
         beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
-        # Unless another way out takes little longer, a plane may fly towards rising ground, or enter
+        # Unless another way out takes little longer, a plane may fly towards rising ground or enter
         # another volume during its turn, and a multirotor may climb first.
         found, drawbacks, limit_s = None, (True, True), math.inf
         exits = exits_from((fix.x_m, fix.y_m), blocked, beyond_m)
