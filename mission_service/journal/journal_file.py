@@ -8,10 +8,12 @@ detected. The checksum of the header covers only the header.
 An event is written before the event is handled. Every written line can be read back: a line is
 decoded before it is written, and refused if the result differs (msgspec writes NaN as null) or a
 value exceeds the limits of its type. Only the owner can read the files of a journal and of its
-states. A symbolic link in place of such a file is refused.
+states. A symbolic link in place of such a file is refused. A new journal is locked while it is
+written, so that a second command in the same folder does not empty it.
 """
 
 import contextlib
+import fcntl
 import os
 import zlib
 from collections.abc import Callable, Iterator
@@ -83,10 +85,11 @@ class Journal:
         if rest is None:
             _refuse_live(path)
         try:
-            self._file = _opened(path, new=rest is None)
             if rest is not None:
+                self._file = opened(path, os.O_WRONLY | os.O_APPEND)
                 os.ftruncate(self._file, rest.at_byte)
             else:
+                self._file = _emptied(path)
                 self._put([_line(_HEADER + _encode(self._header), 0)[0]], 0)
         except OSError as error:
             raise JournalError(f"{path}: {in_words(error)}") from None
@@ -155,7 +158,7 @@ class Journal:
         }
         line = _line(_HEADER + _encode({**self._header, **position}), 0)[0]
         new, closed = next_path(self.path), segment_path(self.path, number - 1)
-        file = _opened(new, new=True)
+        file = _emptied(new)
         try:
             _write(file, line)
             os.fsync(file)
@@ -205,8 +208,21 @@ class Journal:
             self._waiting = bytearray()
 
 
-def _opened(path: Path, new: bool) -> int:
-    return opened(path, os.O_WRONLY | os.O_APPEND | (os.O_CREAT | os.O_TRUNC if new else 0))
+def _emptied(path: Path) -> int:
+    """Open an empty file under a lock. Raises JournalError if another command has locked it."""
+    file = opened(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(file)
+        raise JournalError(
+            f"{path}: another command writes to this folder; wait for its end or choose another "
+            "folder"
+        ) from None
+    except OSError:
+        pass  # a network file system without locks
+    os.ftruncate(file, 0)
+    return file
 
 
 def _refuse_live(path: Path) -> None:

@@ -104,6 +104,21 @@ def test_all_segments_are_verified_together_and_each_from_its_state(
         verify(path)
 
 
+def test_a_second_command_does_not_empty_a_journal_that_is_being_written(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    writing = Journal(path, {}, durable=False)
+    writing.write_lines([b'{"event":"x"'] * 10_000)
+    before = path.read_bytes()
+    with pytest.raises(JournalError, match="another command writes to this folder"):
+        Journal(path, {}, durable=False)
+    assert path.read_bytes() == before != b""
+    writing.begin_segment()
+    with pytest.raises(JournalError, match="another command writes to this folder"):
+        Journal(path, {}, durable=False)
+    writing.close()
+    Journal(path, {}, durable=False).close()
+
+
 def test_a_changed_byte_is_found_in_any_segment(kept: Kept, tmp_path: Path) -> None:
     for name in ("journal-000001.jsonl", "journal-000002.jsonl", "journal.jsonl"):
         path = kept.again(tmp_path)
