@@ -14,6 +14,8 @@ from typing import Self
 from autopilot_bridge.errors import BridgeError
 
 _LINK_BITS = 3
+_STAMP_BYTES = 8
+_FRAME_BEGINS = (b"\xfd", b"\xfe")  # MAVLink 2 and 1
 RETRY_US = 10_000_000  # time between two attempts to write to a full disk
 
 
@@ -23,7 +25,7 @@ class Tlog:
     Records are appended to an existing file. Each record is passed to the operating system at once,
     so that no record is lost if the program crashes. If the disk is full, ``report`` receives one
     line, and frames are not recorded until the file can be written again. The constructor raises
-    BridgeError if the file cannot be opened.
+    BridgeError if the file cannot be opened, or is not a .tlog file.
     """
 
     def __init__(
@@ -35,6 +37,8 @@ class Tlog:
         self._retry_us: int | None = None  # time of the next attempt after a failure
         self._missing = 0  # frames that could not be recorded
         try:
+            if path.is_file() and not _is_tlog(path):
+                raise BridgeError(f"{path}: is not a .tlog file; choose another name for --tlog")
             self._file = open(path, "ab", buffering=0, opener=_private)  # noqa: SIM115
         except OSError as error:
             raise BridgeError(f"{path}: cannot be written: {error.strerror}") from None
@@ -72,6 +76,13 @@ class Tlog:
 
     def __exit__(self, *error: object) -> None:
         self._file.close()
+
+
+def _is_tlog(path: Path) -> bool:
+    """Return whether a file is empty or begins with a record."""
+    with path.open("rb") as file:
+        begin = file.read(_STAMP_BYTES + 1)
+    return not begin or begin[_STAMP_BYTES:] in _FRAME_BEGINS
 
 
 def _private(path: str, flags: int) -> int:

@@ -106,6 +106,15 @@ def test_an_invalid_recording_is_reported_in_one_line(tmp_path: Path) -> None:
         Tlog(tmp_path / "none" / "flight.tlog", wall_clock(), pytest.fail)
 
 
+@pytest.mark.parametrize("content", [b"seed = 1\nduration_s = 60\n", b"short"])
+def test_a_file_that_is_not_a_recording_remains_unchanged(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "scenario.toml"
+    path.write_bytes(content)
+    with pytest.raises(BridgeError, match=r"scenario\.toml: is not a \.tlog file; choose another"):
+        Tlog(path, wall_clock(), pytest.fail)
+    assert path.read_bytes() == content
+
+
 def test_a_full_disk_is_reported_once_and_the_recording_continues_later(tmp_path: Path) -> None:
     path, now_us = tmp_path / "flight.tlog", [BEGIN_US]
     reported: list[str] = []
