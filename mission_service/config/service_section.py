@@ -258,7 +258,9 @@ class JournalSection(Section):
     """Rotation and retention of the journal on disk."""
 
     rotate_mb: Positive = 64.0  # size of one segment of the journal
-    keep_mb: Positive = 2048.0  # size of all segments together
+    # Maximum size of all segments together; the oldest are deleted first. Default: no segment is
+    # deleted.
+    keep_mb: Positive | None = None
     state_every_s: Positive = 30.0
 
 

@@ -78,8 +78,8 @@ class JournalRetention:
             self._alarm_state(error)
             return
         path, rest = journal.path, journal.rest
-        keep_bytes = round(self._settings.keep_mb * 1e6)
-        await self._write(lambda frozen: _write_begin(path, frozen, rest, keep_bytes), rest, frozen)
+        keep_mb = self._settings.keep_mb
+        await self._write(lambda frozen: _write_begin(path, frozen, rest, keep_mb), rest, frozen)
 
     async def _write(
         self, write_it: Callable[[Frozen], None], rest: Rest, frozen: Frozen | None = None
@@ -116,7 +116,8 @@ def _write_newest(path: Path, frozen: Frozen, rest: Rest) -> None:
     write(newest_state(path), frozen, rest)
 
 
-def _write_begin(path: Path, frozen: Frozen, rest: Rest, keep_bytes: int) -> None:
+def _write_begin(path: Path, frozen: Frozen, rest: Rest, keep_mb: float | None) -> None:
     synced(path)
     write(begin_state(path, rest.segment), frozen, rest)
-    trim(path, keep_bytes)
+    if keep_mb is not None:
+        trim(path, round(keep_mb * 1e6))

@@ -1,5 +1,6 @@
 """The journal in segments: closed, chained, verified, deleted; continued after any kill."""
 
+import asyncio
 import json
 import os
 import stat
@@ -10,6 +11,7 @@ import pytest
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
+from mission_service.config.service_section import JournalSection
 from mission_service.errors import JournalError, StateError
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import (
@@ -32,6 +34,7 @@ from mission_service.journal.segments import (
 )
 from mission_service.journal.snapshot import Frozen, Known, read, write
 from mission_service.replay.verification import verify
+from mission_service.runtime.journal_retention import JournalRetention
 from mission_service.simulation.sim import Simulation
 
 Files = dict[str, bytes]
@@ -231,6 +234,22 @@ def test_the_oldest_segments_are_deleted_and_never_the_newest_two(
     assert list(closed_segments(path)) == [2]
     assert trim(path, 0) == []
     assert verify(path).difference is None
+
+
+def test_segments_are_deleted_only_with_a_limit(kept: Kept, tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    header = header_of(kept.scenario, kept.landscape.digest(), "")
+    journal = Journal(path, header, durable=True)
+    service = Simulation(kept.scenario, journal, kept.landscape).service
+
+    def segments_after(settings: JournalSection) -> list[int]:
+        asyncio.run(JournalRetention(service, kept.shared, settings).begin_segment())
+        return list(closed_segments(path))
+
+    assert JournalSection().keep_mb is None
+    assert [segments_after(JournalSection()) for _ in range(3)] == [[1], [1, 2], [1, 2, 3]]
+    assert segments_after(JournalSection(keep_mb=0.001)) == [4]
+    journal.close()
 
 
 def test_a_state_is_for_its_user_alone_and_no_others_are_read(kept: Kept, tmp_path: Path) -> None:
