@@ -163,6 +163,8 @@ async def serve(
         terminated = signal.SIGTERM in signals
         if is_over or (not terminated and service.core.guidance.status()["complete"]):
             service.recording.journal.end()
+            if signal.SIGINT in signals:
+                service.announce("service", "the run has ended; the next start begins a new run")
     service.estimate.advance(clock.now_us)
     progress(service.state_view, service.estimate.fire)
     return service.statistics, service.estimate.fire

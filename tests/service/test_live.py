@@ -129,6 +129,7 @@ def test_a_vehicle_that_never_answers_is_named(
         wait_until(lambda: f"no heartbeat on udpin:127.0.0.1:{port}" in log.read_text("utf-8"))
         daemon.send_signal(signal.SIGINT)
         assert daemon.wait(timeout=PATIENCE_S) == 0
+    assert "the run has ended; the next start begins a new run" in log.read_text("utf-8")
 
 
 def test_an_autopilot_with_another_system_id_is_named(
