@@ -159,15 +159,22 @@ async def serve(
             tasks.append(watch_arrivals)
         gc.freeze()  # full collections, which hold the event loop, need not visit these objects
         is_over = await _run_tasks(context, tasks, exchange, check, stop, latest_us)
-        # After SIGTERM, sent by a supervisor, the next start resumes the run.
-        terminated = signal.SIGTERM in signals
-        if is_over or (not terminated and service.core.guidance.status()["complete"]):
-            service.recording.journal.end()
-            if signal.SIGINT in signals:
-                service.announce("service", "the run has ended; the next start begins a new run")
+        _end_journal(service, is_over, signals)
     service.estimate.advance(clock.now_us)
     progress(service.state_view, service.estimate.fire)
     return service.statistics, service.estimate.fire
+
+
+def _end_journal(service: Engine, is_over: bool, signals: set[signal.Signals]) -> None:
+    """Mark the end of the run in the journal, unless the next start is to resume the run.
+
+    After SIGTERM, sent by a supervisor, the next start resumes the run.
+    """
+    terminated = signal.SIGTERM in signals
+    if is_over or (not terminated and service.core.guidance.status()["complete"]):
+        service.recording.journal.end()
+        if signal.SIGINT in signals:
+            service.announce("service", "the run has ended; the next start begins a new run")
 
 
 def _arrival_watch(run: Run, landscape: Landscape) -> RunInterface | None:
