@@ -2,6 +2,8 @@
 
 import gc
 import json
+import os
+import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -70,6 +72,10 @@ class ErrorReportingGroup(click.Group):
             raise click.UsageError(str(error)) from None
         except own_errors as error:
             raise click.ClickException(str(error)) from None
+        except BrokenPipeError:
+            raise  # click ends the command
+        except OSError as error:
+            raise _unwritten(error) from None
         except BaseExceptionGroup as group:
             own, others = group.split(own_errors)
             if own is None or others is not None:
@@ -78,6 +84,16 @@ class ErrorReportingGroup(click.Group):
             while isinstance(first, BaseExceptionGroup):
                 first = first.exceptions[0]
             raise click.ClickException(str(first)) from None
+
+
+def _unwritten(error: OSError) -> click.ClickException:
+    """Return the line for a file, or for the standard output, that cannot be read or written."""
+    from mission_service.errors import in_words
+
+    if error.filename is None:  # the rest of the standard output would fail again at the exit
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+    place = error.filename or "a file or the standard output"
+    return click.ClickException(f"{place}: {error.strerror or in_words(error)}")
 
 
 @click.group(cls=ErrorReportingGroup, context_settings={"help_option_names": ["-h", "--help"]})

@@ -3,6 +3,7 @@
 Equal incidents give equal files: the dates that GDAL writes into files are those of the incident.
 """
 
+import errno
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -86,31 +87,35 @@ def _write(
     **options: str,
 ) -> None:
     import pyogrio
+    from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
     from shapely import to_wkb
     from shapely.geometry import shape
 
     geometry = np.array([to_wkb(shape(each["geometry"])) for each in features], dtype=object)
     names = list(features[0]["properties"])
     columns = [_column(name, [each["properties"][name] for each in features]) for name in names]
-    pyogrio.raw.write(
-        path,
-        geometry,
-        columns,
-        names,
-        field_mask=[_missing(each) for each in columns],
-        layer=layer,
-        driver=driver,
-        geometry_type=features[0]["geometry"]["type"],
-        crs=CRS,
-        append=append,
-        dataset_options=None if append or driver != "GPKG" else {"VERSION": GPKG_VERSION},
-        layer_options=options,
-        gdal_tz_offsets={
-            name: np.full(len(features), GDAL_UTC)
-            for name, column in zip(names, columns, strict=True)
-            if column.dtype.kind == "M"
-        },
-    )
+    try:
+        pyogrio.raw.write(
+            path,
+            geometry,
+            columns,
+            names,
+            field_mask=[_missing(each) for each in columns],
+            layer=layer,
+            driver=driver,
+            geometry_type=features[0]["geometry"]["type"],
+            crs=CRS,
+            append=append,
+            dataset_options=None if append or driver != "GPKG" else {"VERSION": GPKG_VERSION},
+            layer_options=options,
+            gdal_tz_offsets={
+                name: np.full(len(features), GDAL_UTC)
+                for name, column in zip(names, columns, strict=True)
+                if column.dtype.kind == "M"
+            },
+        )
+    except (DataSourceError, DataLayerError, FeatureError) as error:
+        raise OSError(errno.EIO, " ".join(str(error).split()), str(path)) from None
 
 
 def _column(name: str, values: list[Any]) -> NDArray[Any]:

@@ -5,7 +5,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, cast
 from xml.etree.ElementTree import Element, fromstring
@@ -17,16 +17,19 @@ import pytest
 import rasterio
 import shapely
 from click.testing import CliRunner
+from pyogrio.errors import DataSourceError
 from pypdf import PdfReader
 from rio_cogeo.cogeo import cog_validate
 from shapely.geometry import shape
 
+from firemodel.errors import FireModelError
 from firemodel.landscape.flat import flat_landscape
 from mission_service.cli.main import main
 from mission_service.config.scenario import load_scenario
 from mission_service.products.geospatial_pdf import CORNERS
 from mission_service.products.incident import Incident
 from mission_service.products.stac_item import stac_item
+from mission_service.products.vector_files import write_geopackage
 from mission_service.simulation.sim import simulate
 
 ZERO = "2026-08-01T14:00-04:00"
@@ -152,6 +155,18 @@ def _document(path: Path) -> Element:
     with ZipFile(path) as archive:
         assert "circle.png" in archive.namelist()
         return fromstring(archive.read("doc.kml"))
+
+
+def test_an_error_of_gdal_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*arguments: object, **options: object) -> None:
+        raise DataSourceError("sqlite3_exec failed:\n disk full")
+
+    monkeypatch.setattr(pyogrio.raw, "write", fails)
+    place = {"type": "Point", "coordinates": [0.0, 0.0]}
+    layer = [{"type": "Feature", "geometry": place, "properties": {"name": "a"}}]
+    words = r"incident\.gpkg: cannot be written: sqlite3_exec failed: disk full"
+    with pytest.raises(FireModelError, match=words):
+        write_geopackage(tmp_path / "incident.gpkg", {"points": layer}, datetime.now(UTC))
 
 
 def test_the_times_of_the_kmz_are_calendar_times_in_order(made: Path) -> None:

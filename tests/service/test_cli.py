@@ -131,6 +131,25 @@ def test_bad_input_gets_one_line_and_exit_code_1(
     assert "Traceback" not in result.output
 
 
+def test_a_folder_in_place_of_a_result_gets_one_line(tmp_path: Path) -> None:
+    (tmp_path / "map.png").mkdir()
+    result = call("sim", "default", "--out", str(tmp_path), *QUICK)
+    assert result.exit_code == 1
+    assert result.stderr.splitlines()[-1] == f"Error: {tmp_path}/map.png: Is a directory"
+    assert isinstance(result.exception, SystemExit)
+
+
+def test_a_full_device_gets_one_line() -> None:
+    with Path("/dev/full").open("wb") as full:
+        result = subprocess.run(
+            [*CLI, "config", "check", "default", "--json"],
+            stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S, check=False,
+        )  # fmt: skip
+    assert result.returncode == 1
+    assert result.stderr.endswith("standard output: No space left on device\n")
+    assert result.stderr.count("\n") == 1
+
+
 def test_a_vehicle_that_never_answers_is_reported() -> None:
     link = f"udpin:127.0.0.1:{free_port()}"
     result = call("mission", "clear", "--link", link, "--timeout", "0.5")
