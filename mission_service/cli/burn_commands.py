@@ -11,6 +11,7 @@ from mission_service.cli.options import (
     JSON,
     OUT_REQUIRED,
     OVERRIDE,
+    FiniteRange,
     echo,
 )
 from mission_service.cli.output_folder import output_folder
@@ -53,7 +54,7 @@ def status(out: Path, as_json: bool) -> None:
 
 
 @burn.command()
-@click.option("--every", "every_s", type=click.FloatRange(0.2, 10), default=WATCH_EVERY_S)
+@click.option("--every", "every_s", type=FiniteRange(0.2, 10), default=WATCH_EVERY_S)
 @user_options
 def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float) -> None:
     """Show the state every second and report the user's presence to the service, until Ctrl-C.

@@ -9,7 +9,7 @@ from typing import Literal
 
 import click
 
-from mission_service.cli.options import JSON, progress_line
+from mission_service.cli.options import JSON, FiniteRange, progress_line
 from mission_service.cli.output_folder import output_folder
 
 OUT = click.option(
@@ -43,7 +43,7 @@ def islam_hu(out: Path | None, as_json: bool) -> None:
 @click.option(
     "--speed",
     "speed_m_s",
-    type=click.FloatRange(0.5, 100),
+    type=FiniteRange(0.5, 100),
     default=3.3,
     show_default=True,
     help="Speed of the vehicles in m/s; at 3.3 the costs are about as high as in the thesis.",

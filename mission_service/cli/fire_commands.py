@@ -4,7 +4,6 @@ Heavy modules are imported only when a command runs.
 """
 
 import json
-import math
 import os
 import sys
 from contextlib import nullcontext
@@ -18,6 +17,7 @@ from mission_service.cli.options import (
     OUT_FOLDER,
     OVERRIDE,
     Cores,
+    FiniteRange,
     Folder,
     cores_option,
     echo,
@@ -41,7 +41,7 @@ def fire() -> None:
 @click.option(
     "--front-every",
     "front_every_s",
-    type=click.FloatRange(min=1.0),
+    type=FiniteRange(min=1.0),
     default=3600.0,
     show_default=True,
     help="Seconds between two fronts in the output.",
@@ -76,8 +76,6 @@ def fire_run(
     from mission_service.config.scenario import load_scenario
     from mission_service.simulation.fire_alone import run_fire
 
-    if math.isnan(front_every_s):
-        raise click.UsageError("--front-every nan: must be a number of seconds")
     _refuse_together(members)
     loaded = load_scenario(scenario, overrides)
     if members is None:
@@ -216,14 +214,14 @@ def interval_table(intervals: list[dict[str, Any]]) -> str:
 @click.option(
     "--speed",
     "speed_m_s",
-    type=click.FloatRange(0.0, 100.0),
+    type=FiniteRange(0.0, 100.0),
     metavar="M_S",
     help="Speed of the free wind, or of the wind at [terrain_wind]'s station (default: weather).",
 )
 @click.option(
     "--from",
     "from_deg",
-    type=click.FloatRange(0.0, 360.0),
+    type=FiniteRange(0.0, 360.0),
     metavar="DEG",
     help="Direction from which this wind blows, clockwise from true north.",
 )

@@ -30,6 +30,7 @@ from mission_service.cli.options import (
     SETTINGS,
     SIGNING_KEY,
     TLOG,
+    FiniteRange,
     ReportOptions,
     echo,
     echo_warning,
@@ -117,7 +118,7 @@ for command in (*GROUPS, mock, token, replay, report, products, observe, plan, s
 @main.command(context_settings=SETTINGS)
 @click.argument("scenario", default="demo")
 @OUT
-@click.option("--speedup", type=click.FloatRange(1, 100), default=10.0, show_default=True)
+@click.option("--speedup", type=FiniteRange(1, 100), default=10.0, show_default=True)
 @OVERRIDE
 @report_options
 def demo(

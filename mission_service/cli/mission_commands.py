@@ -10,6 +10,7 @@ from mission_service.cli.options import (
     JSON,
     SIGNING_KEY,
     TLOG,
+    FiniteRange,
     echo,
     echo_warning,
     progress_line,
@@ -24,7 +25,7 @@ LINK = click.option(
 TIMEOUT = click.option(
     "--timeout",
     "timeout_s",
-    type=click.FloatRange(min=0.1),
+    type=FiniteRange(min=0.1),
     default=30.0,
     show_default=True,
     help="Give up after this many seconds.",

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from mission_service.cli.options import SIGNING_KEY
+from mission_service.cli.options import SIGNING_KEY, FiniteRange
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,19 +54,19 @@ class MockOptions:
     "second --link is a second telemetry port of the same vehicles.",
 )
 @click.option("--listen", help="Instead of --link: listen on HOST:PORT (UDP), udpin or tcpin.")
-@click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
+@click.option("--speedup", type=FiniteRange(0.1, 100), default=1.0, show_default=True)
 @click.option("--wind", default="0,0", help="A steady wind as FROM_DEG,SPEED_M_S, e.g. 240,5.")
 @click.option(
     "--battery",
     "battery_minutes",
-    type=click.FloatRange(0.1, 10_000),
+    type=FiniteRange(0.1, 10_000),
     metavar="MINUTES",
     help="Battery capacity in minutes of flight; at 15 % the vehicle returns home.",
 )
 @click.option(
     "--terrain",
     "terrain_amsl_m",
-    type=click.FloatRange(-500, 9000),
+    type=FiniteRange(-500, 9000),
     metavar="AMSL_M",
     help="Height of the flat ground; a vehicle that flies below it crashes.",
 )

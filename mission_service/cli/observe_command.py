@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, echo
+from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, FiniteRange, echo
 from mission_service.cli.output_folder import results_in
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ MAX_IMAGES = 100  # maximum number of images from one video
 @click.option(
     "--every",
     "every_s",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FiniteRange(min=0.0, min_open=True),
     default=10.0,
     show_default=True,
     help="Seconds between two images of a video.",

@@ -49,6 +49,17 @@ class Folder(click.Path):
         return super().convert(value, param, ctx)
 
 
+class FiniteRange(click.FloatRange):
+    """A finite number within limits; ``FloatRange`` accepts nan within any limits."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number; refuse nan and infinity."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
 Command = TypeVar("Command", bound=Callable[..., Any] | click.Command)
 
 OVERRIDE = click.option(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, OVERRIDE, echo_warning
+from mission_service.cli.options import JSON, OVERRIDE, FiniteRange, echo_warning
 from mission_service.errors import OptionError
 
 
@@ -34,7 +34,7 @@ from mission_service.errors import OptionError
 )
 @click.option(
     "--minutes",
-    type=float,
+    type=FiniteRange(10.0, 1440.0),
     default=60.0,
     show_default=True,
     help="Time after takeoff for --what-if.",

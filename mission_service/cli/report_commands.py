@@ -15,6 +15,7 @@ from mission_service.cli.options import (
     OUT_FOLDER,
     OUT_REQUIRED,
     OVERRIDE,
+    FiniteRange,
     aware_time,
     seconds_option,
 )
@@ -87,7 +88,7 @@ def report(
 @click.option(
     "--forecast",
     "forecast_h",
-    type=click.FloatRange(0.0, 6.0),
+    type=FiniteRange(0.0, 6.0),
     default=3.0,
     show_default=True,
     metavar="H",

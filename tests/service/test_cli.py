@@ -131,6 +131,36 @@ def test_bad_input_gets_one_line_and_exit_code_1(
     assert "Traceback" not in result.output
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("burn", "watch", "--every"),
+        ("demo", "--speedup"),
+        ("experiment", "bent", "--speed"),
+        ("fire", "run", "default", "-o", "OUT", "--front-every"),
+        ("fire", "wind", "default", "-o", "OUT", "--from", "90", "--speed"),
+        ("incident", "new", "OUT/new.toml", "--hours"),
+        ("mission", "clear", "--timeout"),
+        ("mock", "--battery"),
+        ("mock", "--speedup"),
+        ("mock", "--terrain"),
+        ("observe", "OUT/a.tif", "--scenario", "default", "-o", "OUT", "--every"),
+        ("plan", "default", "--what-if", "1", "--minutes"),
+        ("products", "OUT", "-o", "OUT/made", "--forecast"),
+    ],
+)
+def test_an_option_that_is_no_finite_number_is_refused(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    given = [argument.replace("OUT", str(tmp_path)) for argument in arguments]
+    for number in ("nan", "inf"):
+        result = call(*given, number)
+        assert result.exit_code == 2, result.output
+        assert f"Invalid value for '{given[-1]}'" in result.stderr
+        assert number in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_in_place_of_a_result_gets_one_line(tmp_path: Path) -> None:
     (tmp_path / "map.png").mkdir()
     result = call("sim", "default", "--out", str(tmp_path), *QUICK)

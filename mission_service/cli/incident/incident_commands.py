@@ -1,7 +1,6 @@
 """Defines ``mission-service incident``, which creates the scenario file for a new incident."""
 
 import contextlib
-import math
 import os
 import shlex
 import sys
@@ -13,7 +12,14 @@ from typing import Any, TypeVar
 import click
 
 from mission_service.cli.incident.map_commands import bounding_box
-from mission_service.cli.options import JSON, LOCAL_PORT, aware_time, echo, echo_warning
+from mission_service.cli.options import (
+    JSON,
+    LOCAL_PORT,
+    FiniteRange,
+    aware_time,
+    echo,
+    echo_warning,
+)
 from mission_service.errors import MissionServiceError, ScenarioError
 
 Value = TypeVar("Value")
@@ -135,7 +141,7 @@ def incident() -> None:
     metavar="TIME",
     help="Calendar time of mission time 0 with its UTC offset, for products.",
 )
-@click.option("--hours", type=click.FloatRange(0.1, 2000), default=6.0, show_default=True)
+@click.option("--hours", type=FiniteRange(0.1, 2000), default=6.0, show_default=True)
 @click.option(
     "--real", is_flag=True, help="A real fire (default: cameras observe a simulated fire)."
 )
@@ -275,8 +281,6 @@ def _incident(file: Path, given: dict[str, Any], asks: bool) -> Any:
         )
     if box is not None and not all(MIN_CELLS <= each <= MAX_CELLS for each in grid_of(box)):
         raise click.UsageError("--box: each side of the area must be 600 m to 120 km long")
-    if not math.isfinite(given["hours"]):
-        raise click.UsageError("--hours: must be a number from 0.1 to 2000")
     wind, ignitions = given["wind"], given["ignitions"]
     if wind is None and given["weather"] is None:
         wind = _asked("Wind as SPEED,FROM (m/s, degrees)", WIND, "--wind or --weather", asks)
