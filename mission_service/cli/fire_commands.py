@@ -298,10 +298,10 @@ def fire_info(
     canopy_bulk_density.
     """
     from firemodel.landscape.info import in_text
-    from mission_service.cli.landscape_summary import describe_files
+    from mission_service.cli.landscape_summary import describe_files, json_of
 
     found = describe_files(files, crs, nodata, units)
-    click.echo(json.dumps(found) if as_json else in_text(found))
+    click.echo(json_of(found) if as_json else in_text(found))
     if found["problems"]:
         sys.exit(1)
 

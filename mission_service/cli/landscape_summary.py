@@ -1,6 +1,9 @@
 """Parses the arguments of ``fire info``, and describes the files in these arguments."""
 
+import json
+import math
 from pathlib import Path
+from typing import Any
 
 from firemodel.landscape.info import Description, describe, describe_rasters
 from mission_service.errors import MissionServiceError
@@ -23,6 +26,19 @@ def describe_files(
         return describe_rasters(path, units=pairs, crs=crs, nodata=nodata)
     layers = {layer: Path(name) for layer, name in _pairs(words, "files", HOW).items()}
     return describe_rasters(layers, units=pairs, crs=crs, nodata=nodata)
+
+
+def json_of(found: Description) -> str:
+    """Return a description as JSON, in which numbers that are not finite are null."""
+    return json.dumps(_finite(found), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _pairs(words: tuple[str, ...], where: str, how: str) -> dict[str, str]:

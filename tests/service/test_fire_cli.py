@@ -1,6 +1,7 @@
 """``fire run``, ``fire info`` and ``bench fire``: from input files to output files."""
 
 import json
+import math
 import shutil
 from itertools import pairwise
 from pathlib import Path
@@ -256,6 +257,15 @@ def test_info_lists_every_problem_and_ends_badly(tmp_path: Path) -> None:
     found = json.loads(call("fire", "info", *words, "--json").stdout)
     assert len(found["problems"]) >= 2
     assert call("fire", "info", *words, "--json").exit_code == 1
+
+
+def test_info_in_json_has_null_for_nan(tmp_path: Path) -> None:
+    elevation_m = np.full(LAND.fuel_model.shape, 100.0, dtype=np.float32)
+    elevation_m[3, 4] = np.nan
+    write_raster(tmp_path / "dem.tif", elevation_m, nodata=math.nan)
+    text = call("fire", "info", str(tmp_path / "dem.tif"), "--json").stdout
+    (band,) = json.loads(text, parse_constant=pytest.fail)["bands"]
+    assert (band["nodata"], band["no_data_cells"]) == (None, 1)
 
 
 def test_info_takes_units_crs_and_nodata(tmp_path: Path) -> None:
