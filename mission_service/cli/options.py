@@ -195,6 +195,12 @@ def cores_option(workers: str) -> Callable[[Callable[..., None]], Callable[..., 
     return decorate
 
 
+def is_given(name: str) -> bool:
+    """Return whether a parameter of the current command is given on the command line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is click.core.ParameterSource.COMMANDLINE
+
+
 def echo(result: dict[str, Any], as_json: bool) -> None:
     """Print a result as JSON, or as one line for each key, without ``warnings``."""
     if as_json:

@@ -14,6 +14,7 @@ import click
 from mission_service.cli.options import (
     OVERRIDE,
     ReportOptions,
+    is_given,
     report_options,
     seconds_option,
 )
@@ -120,6 +121,8 @@ def replay(words: tuple[str, ...], **values: Any) -> None:
     --what-if planner=predictive alpha=1.5 --out DIR flies a journal's scenario again with mock
     autopilots and these settings. One page compares both runs.
     """
+    if values["scenario"] is None and not is_given("overrides"):
+        values["overrides"] = ()  # MISSION_SERVICE_SET is for scenarios, and changes no journal
     options = ReplayOptions(**values)
     options.check(words)
     from mission_service.replay.flights.batch import run_name

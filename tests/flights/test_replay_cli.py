@@ -99,6 +99,18 @@ def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
     assert "<th>recorded</th><th>what-if</th>" in page
 
 
+def test_settings_in_the_environment_change_no_replay_without_a_scenario(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MISSION_SERVICE_SET", "planner.alpha=2")
+    assert call("replay", str(log)).exit_code == 0
+    for words in (("--verify",), ("--what-if", "planner=circling", "--out", str(log.parent))):
+        result = call("replay", str(log), *words)
+        assert result.exit_code == 1
+        assert "not a journal" in result.stderr
+    assert call("replay", str(log), "--verify", "--set", "planner.alpha=2").exit_code == 2
+
+
 @pytest.mark.parametrize(
     ("words", "code", "expected"),
     [
