@@ -155,11 +155,14 @@ def demo(
 def sim(scenario: str, out: Path | None, overrides: tuple[str, ...], as_json: bool) -> None:
     """Fly SCENARIO (a file, or the name of a shipped scenario) in virtual time."""
     from mission_service.config.scenario import flying, load_scenario
+    from mission_service.fire.scenario_check import late_times
     from mission_service.runtime.progress import SimProgress
     from mission_service.runtime.run_outputs import write_outputs
     from mission_service.simulation.sim import simulate
 
     loaded, created = flying(load_scenario(scenario, overrides)), now_text()
+    for line in late_times(loaded):
+        echo_warning(line)
     if out is None:
         out = new_folder(loaded.name, created)
         click.echo(f"results: {out}", err=True)

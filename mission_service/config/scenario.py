@@ -75,7 +75,7 @@ class Scenario(Section):
     other vehicles.
     """
 
-    name: Line
+    name: Annotated[Line, Field(min_length=1, max_length=100)]
     time_zero: Annotated[AwareDatetime, AfterValidator(_in_use)] | None = None
     seed: Annotated[int, Field(ge=0)] = 0
     start_s: NotNegative = 0.0

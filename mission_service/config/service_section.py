@@ -6,14 +6,17 @@ run can resume with different ports.
 
 import ipaddress
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from mission_service.config.mqtt_names import is_host
+from mission_service.config.mqtt_names import check_prefix, is_host, read_broker
 from mission_service.config.section_base import NotNegative, Positive, Section
 from mission_service.config.sections import KEY_SOURCE
+from mission_service.errors import MissionServiceError
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 DEFAULT_ADDRESS = "127.0.0.1:8765"
@@ -83,10 +86,32 @@ class MqttSection(Section):
     commands: bool = False
     telemetry_hz: Annotated[float, Field(gt=0, le=10)] = 2.0
 
+    @field_validator("broker")
+    @classmethod
+    def _is_broker(cls, broker: str) -> str:
+        with _as_value_error():
+            read_broker(broker, "")
+        return broker
+
+    @field_validator("prefix")
+    @classmethod
+    def _is_prefix(cls, prefix: str) -> str:
+        with _as_value_error():
+            return check_prefix(prefix, "")
+
     @field_validator("password")
     @classmethod
     def _password_is_source(cls, source: str | None) -> str | None:
         return _password_source(source)
+
+
+@contextmanager
+def _as_value_error() -> Iterator[None]:
+    """Raise ValueError, as validators must, in place of MissionServiceError."""
+    try:
+        yield
+    except MissionServiceError as error:
+        raise ValueError(str(error).strip()) from None
 
 
 def _password_source(source: str | None) -> str | None:

@@ -32,5 +32,22 @@ def check(scenario: Scenario) -> dict[str, Any]:
         "landscape": f"{rows} x {cols} cells of {landscape.cell_size_m:g} m, "
         f"{crs_label(landscape.crs)}",
         "vehicles": ", ".join(vehicle.name for vehicle in scenario.vehicles),
-        "warnings": warnings_on(scenario, landscape),
+        "warnings": [*late_times(scenario), *warnings_on(scenario, landscape)],
     }
+
+
+def late_times(scenario: Scenario) -> list[str]:
+    """Return a warning for each ignition or takeoff that is not before the end of the run."""
+    end_s = scenario.duration_s
+    found = [
+        f"ignition.{number}: at_s = {each.at_s:g} is not before duration_s = {end_s:g}, so this "
+        "ignition has no effect"
+        for number, each in enumerate(scenario.ignition)
+        if each.at_s >= end_s
+    ]
+    if scenario.vehicles and scenario.deploy_at_s >= end_s:
+        found.append(
+            f"deploy_at_s = {scenario.deploy_at_s:g} is not before duration_s = {end_s:g}, so no "
+            "vehicle takes off"
+        )
+    return found

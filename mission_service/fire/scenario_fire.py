@@ -387,6 +387,10 @@ def check_fire(scenario: Scenario, landscape: Landscape) -> None:
         at_s = burning.at_s
     check_ignitions(landscape, ignitions_of(scenario, landscape), at_s)
     closings_of(scenario, landscape)
+    if scenario.fire.crown != "none":
+        from firemodel.spread.crown_spread import canopy_of
+
+        canopy_of(landscape, scenario.fire.foliar_moisture_pct)
 
 
 def begun_again(

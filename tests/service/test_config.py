@@ -62,6 +62,10 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ('scheme = "devs8"', 'scheme = "huygens"', ["fire.scheme", "huygens"]),
         ('source = "jacksboro"', 'source = "jacksboro"\ncrs = "EPSG:1"', ["`crs` has no effect"]),
         ('name = "islam-hu"', 'name = "a\\nb"', ["name", "one line of printable characters"]),
+        ('name = "islam-hu"', 'name = ""', ["name", "1"]),
+        ('name = "islam-hu"', f'name = "{101 * "a"}"', ["name", "100"]),
+        ("seed = 1", "service.mqtt = {broker = ':1883'}", ["service.mqtt.broker", "HOST:PORT"]),
+        ("seed = 1", "service.mqtt = {prefix = 'a/#'}", ["service.mqtt.prefix", "topic prefix"]),
         ('name = "hawk"', 'name = "all"', ["vehicles.0.name", "all vehicles", "another name"]),
         ('source = "jacksboro"', 'barriers = "a.kml"', ["landscape.barriers", "a list"]),
         ("wind_speed_m_s = 4", "wind_speed_m_s = 400", ["weather.0.wind_speed_m_s", "400"]),
@@ -123,6 +127,30 @@ def test_config_check_names_the_file_of_a_place_outside_the_landscape(
     done = CliRunner().invoke(main, ["config", "check", str(path), "--set", f"{key}=10.0"])
     assert done.exit_code == 1
     assert re.match(rf"Error: {re.escape(str(path))}: .* outside the landscape\n$", done.output)
+
+
+def test_config_check_refuses_crown_fire_without_canopy_layers() -> None:
+    found = CliRunner().invoke(
+        main, ["config", "check", "default", "--set", 'fire.crown="scott_reinhardt"']
+    )
+    assert found.exit_code == 1
+    assert "crown fire: the landscape lacks canopy_height" in found.stderr
+
+
+def test_times_after_the_end_of_the_run_give_warnings(tmp_path: Path) -> None:
+    late = ("--set", "duration_s=3600", "--set", "ignition.0.at_s=4000")
+    lines = [
+        "Warning: ignition.0: at_s = 4000 is not before duration_s = 3600, so this ignition has "
+        "no effect",
+        "Warning: deploy_at_s = 3600 is not before duration_s = 3600, so no vehicle takes off",
+    ]
+    assert (
+        CliRunner().invoke(main, ["config", "check", "default", *late]).stderr.splitlines()[:2]
+        == lines
+    )
+    arguments = ["sim", "default", "--out", str(tmp_path), "--set", "duration_s=60"]
+    shown = CliRunner().invoke(main, arguments).stderr
+    assert "Warning: deploy_at_s = 3600 is not before duration_s = 60" in shown
 
 
 def test_an_override_changes_one_key() -> None:

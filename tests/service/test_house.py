@@ -51,6 +51,7 @@ PROTOCOLS = {
     "copy": "returns an independent copy; data that never changes is shared",
     "close": "releases a file, a socket, a thread or a process",
     "connection_lost": "is called by asyncio when a connection has ended",
+    "convert": "is called by click to read the value of an option or an argument",
 }
 MODULES = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py"))]
 FACES = [
