@@ -113,6 +113,10 @@ class ReportOptions:
     log_level: str
     as_json: bool
 
+    def __post_init__(self) -> None:
+        if self.log is None:
+            refuse_given("log_level", reason="without --log")
+
     @property
     def logs(self) -> bool:
         """Whether the command writes a log."""
@@ -199,6 +203,19 @@ def is_given(name: str) -> bool:
     """Return whether a parameter of the current command is given on the command line."""
     source = click.get_current_context().get_parameter_source(name)
     return source is click.core.ParameterSource.COMMANDLINE
+
+
+def refuse_given(*names: str, reason: str) -> None:
+    """Raise UsageError if a parameter without effect is given on the command line.
+
+    Args:
+        names: Names of parameters of the current command.
+        reason: Why they have no effect, such as ``without --log``.
+    """
+    for parameter in click.get_current_context().command.params:
+        if parameter.name in names and is_given(parameter.name):
+            option = parameter.opts[0]
+            raise click.UsageError(f"{option} has no effect {reason}; leave it out")
 
 
 def echo(result: dict[str, Any], as_json: bool) -> None:

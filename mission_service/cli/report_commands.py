@@ -17,6 +17,7 @@ from mission_service.cli.options import (
     OVERRIDE,
     FiniteRange,
     aware_time,
+    refuse_given,
     seconds_option,
 )
 from mission_service.cli.output_folder import output_folder, results_in
@@ -61,9 +62,16 @@ def report(
     )
     from mission_service.runtime.clocks import now_text
 
-    words = [run.split("+") for run in runs]
+    words = [[run] if Path(run).exists() else run.split("+") for run in runs]
     names = distinct([run_name([path_of(log) for log in each]) for each in words])
     flights = [flight_of(each) for each in words]
+    if scenario is None:
+        refuse_given("at_s", "overrides", reason="without --scenario")
+    elif all(isinstance(flight.logs[0], JournalLog) for flight in flights):
+        refuse_given(
+            *("scenario", "at_s", "overrides"),
+            reason="on journals, which contain their scenarios",
+        )
     made = output_folder(out)
     analyses = []
     for name, flight in zip(names, flights, strict=True):

@@ -21,8 +21,9 @@ from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.report_page import write_report
 from mission_service.replay.flights.run_figures import figures_of, table
 from mission_service.simulation.sim import simulate
-from tests.bridge.log_writers import round_flight
+from tests.bridge.log_writers import bin_flight, round_flight
 from tests.flights.test_open_loop_replay import level_pairing, scenario
+from tests.service.test_cli import call
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +108,21 @@ def test_several_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:
     assert [name for name, _ in sections] == ["Flight and fire", "hawk"]
     for _, rows in sections:
         assert all(len(values) == 2 and values[0] == values[1] for _, _, values in rows)
+
+
+def test_options_that_no_run_uses_are_refused(run: Path, tmp_path: Path) -> None:
+    for option, value in (("--scenario", "demo"), ("--at", "3"), ("--set", "planner.alpha=2")):
+        result = call("report", str(run), "--out", str(tmp_path / "out"), option, value)
+        assert result.exit_code == 2
+        assert f"{option} has no effect" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_path_may_contain_the_sign_that_joins_logs(tmp_path: Path) -> None:
+    log = tmp_path / "hawk+kite.bin"
+    log.write_bytes(bin_flight())
+    result = call("report", str(log), "--out", str(tmp_path / "out"))
+    assert result.exit_code == 0, result.output
 
 
 @pytest.mark.long
