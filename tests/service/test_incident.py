@@ -131,6 +131,16 @@ def test_an_aircraft_may_have_a_link_and_a_system_id(tmp_path: Path) -> None:
         ((*BOX, *WIND, *FIRE, f"{HAWK[0]}={HAWK[1]},radio:7"), 1, "link"),
         (("--box=-84.2,36.32,-84.199,36.4", *WIND, *FIRE, *HAWK), 2, "600 m to 120 km"),
         ((*BOX, *WIND, "--ignition", "37.35,-84.15", *HAWK), 1, "lies outside the landscape"),
+        ((*BOX, "--wind", "nan,225", *FIRE, *HAWK), 2, "write it as SPEED,FROM"),
+        ((*BOX, *WIND, "--ignition", "inf,-84.15", *HAWK), 2, "write it as LAT,LON"),
+        ((*BOX, *WIND, *FIRE, "--vehicle", "hawk,px4,plane,36.36,nan"), 2, "write it as LAT,LON"),
+        ((*BOX, *WIND, *FIRE, *HAWK, "--start", "2024-07-01"), 2, "--start requires --weather"),
+        ((*BOX, *WIND, *FIRE, *HAWK, "--missing", "unburnable"), 2, "--missing requires"),
+        ((*BOX, *WIND, *FIRE, *HAWK, "--unit", "slope=percent"), 2, "--unit requires --landscape"),
+        (
+            ("--landscape", __file__, "--fuel-model", "4", *WIND, *FIRE, *HAWK),
+            *(2, "--fuel-model requires --box"),
+        ),
         ((*BOX, "--wind", "500,225", *FIRE, *HAWK), 1, "wind_speed_m_s"),
     ],
 )

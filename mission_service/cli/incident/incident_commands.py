@@ -1,6 +1,7 @@
 """Defines ``mission-service incident``, which creates the scenario file for a new incident."""
 
 import contextlib
+import math
 import os
 import shlex
 import sys
@@ -24,6 +25,7 @@ from mission_service.errors import MissionServiceError, ScenarioError
 
 Value = TypeVar("Value")
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+DEFAULT_FUEL_MODEL = 2
 STACKS, KINDS = ("px4", "ardupilot"), ("plane", "vtol", "copter")
 
 
@@ -35,7 +37,7 @@ def _numbers(count: int, form: str) -> Callable[[str], tuple[float, ...]]:
             found = tuple(float(part) for part in text.split(","))
         except ValueError:
             found = ()
-        if len(found) != count:
+        if len(found) != count or not all(map(math.isfinite, found)):
             raise click.BadParameter(f"{text}: write it as {form}")
         return found
 
@@ -96,8 +98,7 @@ def incident() -> None:
 @click.option(
     "--fuel-model",
     type=click.IntRange(0, 1000),
-    default=2,
-    show_default=True,
+    show_default=str(DEFAULT_FUEL_MODEL),
     help="Fuel of --box.",
 )
 @click.option("--landscape", type=FILE, help="An .lcp file, or one raster file with all layers.")
@@ -281,6 +282,7 @@ def _incident(file: Path, given: dict[str, Any], asks: bool) -> Any:
         )
     if box is not None and not all(MIN_CELLS <= each <= MAX_CELLS for each in grid_of(box)):
         raise click.UsageError("--box: each side of the area must be 600 m to 120 km long")
+    _refuse_without_effect(given, box)
     wind, ignitions = given["wind"], given["ignitions"]
     if wind is None and given["weather"] is None:
         wind = _asked("Wind as SPEED,FROM (m/s, degrees)", WIND, "--wind or --weather", asks)
@@ -294,7 +296,7 @@ def _incident(file: Path, given: dict[str, Any], asks: bool) -> Any:
         file.stem,
         given["hours"],
         box,
-        given["fuel_model"],
+        DEFAULT_FUEL_MODEL if given["fuel_model"] is None else given["fuel_model"],
         relative(given["landscape"]),
         layers,
         dict(given["units"]),
@@ -315,6 +317,18 @@ def _refuse_several(*options: tuple[str, object]) -> None:
     found = [name for name, value in options if value]
     if len(found) > 1:
         raise click.UsageError(f"specify only one of {' and '.join(found)}")
+
+
+def _refuse_without_effect(given: dict[str, Any], box: tuple[float, ...] | None) -> None:
+    """Raise UsageError for options of a landscape or weather other than the given one."""
+    for option, value, needed, source in (
+        ("--start", given["start"], "--weather", given["weather"]),
+        ("--fuel-model", given["fuel_model"], "--box", box),
+        ("--missing", given["missing"], "--landscape or --layer", box is None),
+        ("--unit", given["units"] or None, "--landscape or --layer", box is None),
+    ):
+        if value is not None and not source:
+            raise click.UsageError(f"{option} requires {needed}")
 
 
 def is_terminal() -> bool:
