@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from mission_service.cli.options import SIGNING_KEY, FiniteRange
+from mission_service.cli.options import SIGNING_KEY, FiniteRange, refuse_given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +108,12 @@ def mock(scenario: str | None, **values: Any) -> None:
 
     options = MockOptions(**values)
     vehicle = options.vehicle
+    if options.listen and options.link:
+        raise click.UsageError("specify either --link or --listen")
+    if scenario:
+        refuse_given(
+            *("stack", "system_id", "home"), reason="with a scenario, which defines its vehicles"
+        )
     if scenario and options.count > 1:
         raise click.UsageError("--count cannot be combined with a scenario")
     if not scenario and vehicle not in (None, "plane", "vtol", "copter"):

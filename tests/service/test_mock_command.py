@@ -56,6 +56,21 @@ def test_without_a_scenario_the_vehicle_is_a_kind() -> None:
     assert "without a scenario, use plane, vtol or copter" in result.stderr
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("default", "--stack", "px4"),
+        ("default", "--home", "36,-84,300"),
+        ("default", "--system-id", "3"),
+        ("--listen", "127.0.0.1:9", "--link", "udpout:127.0.0.1:9"),
+    ],
+)
+def test_options_without_effect_are_refused(arguments: tuple[str, ...]) -> None:
+    result = call("mock", *arguments)
+    assert result.exit_code == 2
+    assert arguments[-2] in result.stderr
+
+
 def test_links_to_listen_on() -> None:
     assert listening("127.0.0.1:9") == "udpin:127.0.0.1:9"
     assert listening("tcpin:127.0.0.1:9") == "tcpin:127.0.0.1:9"
