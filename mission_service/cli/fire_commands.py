@@ -22,6 +22,8 @@ from mission_service.cli.options import (
     cores_option,
     echo,
     echo_warning,
+    is_given,
+    refuse_given,
     seconds_option,
 )
 from mission_service.cli.output_folder import results_in
@@ -76,7 +78,10 @@ def fire_run(
     from mission_service.config.scenario import load_scenario
     from mission_service.simulation.fire_alone import run_fire
 
-    _refuse_together(members)
+    if members is None:
+        refuse_given("workers", "scheduler", reason="without --members")
+    else:
+        refuse_given("front_every_s", "netcdf", reason="with --members")
     loaded = load_scenario(scenario, overrides)
     if members is None:
         with results_in(out, "repeat the command") as made:
@@ -93,17 +98,6 @@ def fire_run(
     echo(summary, as_json)
     if not as_json:
         click.echo(f"Wrote {written} to {out}/")
-
-
-def _refuse_together(members: int | None) -> None:
-    """Raise UsageError if a given option has no effect with, or without, --members."""
-    source = click.get_current_context().get_parameter_source
-    others = ["front_every_s", "netcdf"] if members is not None else ["workers", "scheduler"]
-    for name in others:
-        if source(name) is not click.core.ParameterSource.DEFAULT:
-            option = f"--{name.removesuffix('_s').replace('_', '-')}"
-            with_or = "with" if members is not None else "without"
-            raise click.UsageError(f"{option} has no effect {with_or} --members; leave it out")
 
 
 @fire.command("sweep")
@@ -136,6 +130,8 @@ def fire_sweep(
     from mission_service.simulation.fire_sweep import run_sweep, sweep_of
     from mission_service.simulation.task_pool import tasks_on
 
+    if is_given("overrides"):
+        _refuse_varied(overrides, varied)
     sweep = sweep_of(scenario, overrides, varied)
     kept = f"the finished runs are kept in {out}/runs; repeat the command to continue"
     with results_in(out, kept) as made, tasks_on(*cores, "fire sweep") as run:
@@ -143,6 +139,14 @@ def fire_sweep(
     echo(summary, as_json)
     if not as_json:
         click.echo(f"Wrote sweep.csv and fronts.geojson to {out}/")
+
+
+def _refuse_varied(overrides: tuple[str, ...], varied: tuple[str, ...]) -> None:
+    """Raise UsageError for a key that is both set and varied."""
+    keys = {each.partition("=")[0] for each in varied}
+    for each in overrides:
+        if (key := each.partition("=")[0]) in keys:
+            raise click.UsageError(f"--set {key} has no effect with --vary {key}; leave it out")
 
 
 @fire.command("assimilate")

@@ -34,6 +34,7 @@ from mission_service.cli.options import (
     ReportOptions,
     echo,
     echo_warning,
+    refuse_given,
     report_address,
     report_options,
 )
@@ -246,6 +247,8 @@ def run(config: str, **values: Any) -> None:
     from mission_service.runtime.run_outputs import write_outputs
 
     options = RunOptions(**values)
+    if options.broker is None:
+        refuse_given("prefix", reason="without --broker")
     loaded, settings = load_run(config, options.overrides)
     scenario = flying(loaded)
     channel = None

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, OVERRIDE, FiniteRange, echo_warning
+from mission_service.cli.options import JSON, OVERRIDE, FiniteRange, echo_warning, refuse_given
 from mission_service.errors import OptionError
 
 
@@ -61,6 +61,7 @@ def plan(
     if counts is not None:
         _what_if(scenario, vehicle, counts, minutes, output, overrides, as_json)
         return
+    refuse_given("minutes", reason="without --what-if")
     if output is None:
         raise click.UsageError("specify the .plan file to write (-o), or --what-if")
     from mission_service.simulation.demo import write_plan

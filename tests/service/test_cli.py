@@ -161,6 +161,28 @@ def test_an_option_that_is_no_finite_number_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "default", "--prefix", "uav"), "--prefix has no effect without --broker"),
+        (("run", "default", "--log-level", "debug"), "--log-level has no effect without --log"),
+        (("plan", "default", "--minutes", "30"), "--minutes has no effect without --what-if"),
+        (
+            ("fire", "sweep", "default", "--vary", "seed=1,2", "--set", "seed=3"),
+            "--set seed has no effect with --vary seed",
+        ),
+    ],
+)
+def test_an_option_without_effect_is_refused(
+    tmp_path: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    out = "-o" if arguments[0] in ("plan", "fire") else "--out"
+    result = call(*arguments, out, str(tmp_path / "out"))
+    assert result.exit_code == 2, result.output
+    assert words in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_in_place_of_a_result_gets_one_line(tmp_path: Path) -> None:
     (tmp_path / "map.png").mkdir()
     result = call("sim", "default", "--out", str(tmp_path), *QUICK)
