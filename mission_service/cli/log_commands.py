@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from mission_service.cli.options import JSON, OUT_FOLDER
-from mission_service.cli.output_folder import output_folder
+from mission_service.cli.output_folder import results_in
 
 DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
 MAX_MISSIONS = 10  # more missions are summarised in one line
@@ -104,10 +104,13 @@ def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> N
 
     check_libraries(formats)
     opened = [open_flight(path) for path in logs]
-    files = export(opened, output_folder(out), formats)
-    for each in opened:
-        for damage in each.damage:
-            click.echo(f"{each.path}: DAMAGED: {damage}", err=True)
+    try:
+        with results_in(out, "repeat the command") as made:
+            files = export(opened, made, formats)
+    finally:
+        for each in opened:
+            for damage in each.damage:
+                click.echo(f"{each.path}: DAMAGED: {damage}", err=True)
     plans = [name for name in files if name.endswith(".plan")]
     if len(plans) > MAX_MISSIONS:
         others = [name for name in files if name not in plans]

@@ -14,8 +14,11 @@ import jsonschema
 import pyarrow.parquet
 import pytest
 from mcap.reader import make_reader
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Codec
+from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.logs.entries import MissionLoaded, Outputs
 from autopilot_bridge.logs.reading import open_log
 from autopilot_bridge.vehicle.client_events import Attitude, Position, Wind
@@ -249,6 +252,29 @@ def test_only_what_is_asked_for_is_written(logs: list[Path], out: Path) -> None:
     result = call(*words)
     assert result.exit_code == 0
     assert {path.name for path in out.iterdir()} == {"tracks.kml", "flight.mcap"}
+
+
+def test_files_of_an_earlier_export_are_removed(logs: list[Path], out: Path) -> None:
+    (out / "notes.txt").write_text("mine")
+    for log in logs:
+        assert call("log", "export", str(log), "-o", str(out)).exit_code == 0
+    alone = out.with_name("alone")
+    assert call("log", "export", str(logs[1]), "-o", str(alone)).exit_code == 0
+    names = {path.name for path in alone.iterdir()}
+    assert {path.name for path in out.iterdir()} == names | {"notes.txt"}
+    call("log", "export", str(logs[0]), "-o", str(out), "--format", "kml")
+    assert {path.name for path in out.iterdir()} == names | {"notes.txt"}
+
+
+def test_a_log_without_a_vehicle_gets_one_line(tmp_path: Path) -> None:
+    log = tmp_path / "station.tlog"
+    station = (mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+    with Tlog(log, lambda: 1_790_000_000_000_000, pytest.fail) as tlog:
+        tlog.record([Codec(255, 190).encode(mavlink.MAVLink_heartbeat_message(*station, 3))] * 3)
+    result = call("log", "export", str(log), "-o", str(tmp_path / "out"))
+    assert result.exit_code == 1
+    assert f"no vehicle in {log}" in result.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_missing_values_are_left_empty() -> None:

@@ -1,6 +1,7 @@
 """Exports logs as files for other programs."""
 
 import json
+import re
 from collections.abc import Collection, Iterator
 from functools import partial
 from importlib import import_module
@@ -12,14 +13,15 @@ from autopilot_bridge.items import Plan
 from autopilot_bridge.logs.entries import Log, LogEvent
 from autopilot_bridge.missions.plan_file import write_plan
 from autopilot_bridge.stacks.stacks import stack_named
-from mission_service.errors import RequestError
-from mission_service.replay.flights.flight_tables import Rows
+from mission_service.errors import FlightError, RequestError
+from mission_service.replay.flights.flight_tables import TABLES, Rows
 from mission_service.replay.flights.flown_vehicle import Flown, file_of, flown_in
 from mission_service.replay.flights.mcap_file import write_mcap
 from mission_service.replay.flights.table_files import WRITERS, TableFiles
 from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import track_geojson
 
+PLAN = re.compile(r".+-mission-\d+\.plan")
 LIBRARIES = {"parquet": "pyarrow", "mcap": "mcap"}
 
 
@@ -37,7 +39,11 @@ def check_libraries(formats: Collection[str]) -> None:
 
 
 def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
-    """Write tables, tracks, missions and MCAP in the requested formats; return the file names."""
+    """Write tables, tracks, missions and MCAP in the requested formats; return the file names.
+
+    Tables and missions of an earlier export in these formats are removed from the folder ``out``.
+    Raises FlightError if no log contains a vehicle.
+    """
     names: dict[tuple[int, int], str] = {}
     flown: list[Flown] = []
     with TableFiles(out, [each for each in WRITERS if each in formats]) as tables:
@@ -47,7 +53,9 @@ def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
                 each.name = _unique(each.name, log.path.suffix, names.values())
                 names[number, each.system_id] = each.name
                 flown.append(each)
-    files = tables.names
+    if not flown:
+        raise FlightError(f"no vehicle in {', '.join(str(log.path) for log in logs)}")
+    files = list(tables.names)
     if "geojson" in formats:
         features = [track_geojson(each.name, each.track) for each in flown]
         collection = {"type": "FeatureCollection", "features": features}
@@ -60,7 +68,19 @@ def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
     if "mcap" in formats:
         write_mcap(out / "flight.mcap", logs, names)
         files.append("flight.mcap")
-    return files + _plans(flown, out) if "plan" in formats else files
+    if "plan" in formats:
+        files += _plans(flown, out)
+    for name in _names_in(out, formats).difference(files):
+        (out / name).unlink()
+    return files
+
+
+def _names_in(out: Path, formats: Collection[str]) -> set[str]:
+    """Return the names of the tables and missions of all exports to a folder in these formats."""
+    tables = {f"{table}.{each}" for table in TABLES for each in WRITERS if each in formats}
+    found = {each.name for each in out.iterdir()}
+    plans = {name for name in found if PLAN.fullmatch(name)} if "plan" in formats else set[str]()
+    return found & tables | plans
 
 
 def _add_rows(tables: TableFiles, rows: Rows, system_id: int, event: LogEvent) -> None:
