@@ -27,11 +27,17 @@ RASTER_TITLES = {
     FLAME_LENGTH: "Flame length of the front at its arrival (m)",
 }
 
+NOT_ALWAYS_WRITTEN = {
+    *("incident.gpkg", "incident.kmz", "perimeter.zip", "drops.csv"),
+    *(f"{name}.{suffix}" for name in RASTER_TITLES for suffix in ("tif", "qml")),
+}
+
 
 def write_products(out: Path, incident: Incident) -> list[str]:
     """Write the products; return the names of the files.
 
-    Equal incidents give identical files. Raises FireModelError if a file cannot be written.
+    Equal incidents give identical files. Products of an earlier call that this call does not write
+    are removed. Raises FireModelError if a file cannot be written.
     """
     written, titles = incident.utc(incident.at_s), {}
     layers = layers_of(incident)
@@ -58,6 +64,8 @@ def write_products(out: Path, incident: Incident) -> list[str]:
     if any(vehicle.drops for vehicle in incident.record.vehicles.values()):
         write_drops(out / "drops.csv", incident.record)
         titles["drops.csv"] = "Drops"
+    for name in NOT_ALWAYS_WRITTEN.difference(titles):
+        (out / name).unlink(missing_ok=True)
     names = [*titles, "interpreter-log.txt"]
     write_whole(out / "interpreter-log.txt", log_text(incident, names))
     titles["interpreter-log.txt"] = "Interpreter's log"

@@ -296,9 +296,11 @@ def test_the_log_has_the_facts_of_an_interpreter(made: Path) -> None:
 
 
 def test_products_of_an_earlier_time_without_a_forecast(run: Path, tmp_path: Path) -> None:
+    for name in ("burn_probability.tif", "burn_probability.qml"):
+        (tmp_path / name).write_bytes(b"an earlier forecast")
     output = _products(run, tmp_path, "--time-zero", ZERO, "--at", "3600", "--forecast", "0")
     assert "2026-08-01 15:00 EDT" in output
-    assert not (tmp_path / "burn_probability.tif").exists()
+    assert not list(tmp_path.glob("burn_probability.*"))
     layers = [name for name, _ in pyogrio.list_layers(tmp_path / "incident.gpkg")]
     assert layers[:2] == ["perimeter", "fronts"]
     assert "forecast_isochrones" not in layers
