@@ -470,8 +470,6 @@ def test_what_the_settings_name_is_read_at_once(tmp_path: Path) -> None:
             site_in(MqttSection(**settings), "default")
         assert PASSWORD not in str(caught.value)
 
-    refused("broker a b: write it as HOST", broker="a b")
-    refused("prefix /x", prefix="/x")
     refused("set `user`", password="env:NOBODY")
     refused("variable NOBODY is not set", user="u", password="env:NOBODY")
     refused("cannot be loaded: No such file", tls_ca=tmp_path / "none.pem")

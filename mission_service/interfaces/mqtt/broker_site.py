@@ -8,7 +8,6 @@ from mission_service.config.mqtt_names import (
     PORT,
     TLS_PORT,
     Broker,
-    check_prefix,
     read_broker,
     site_of,
     site_topic,
@@ -36,8 +35,7 @@ def site_in(settings: MqttSection, scenario_name: str) -> Site:
     The password and the certificates are read from files or environment variables. Raises
     MissionServiceError for invalid settings.
     """
-    prefix = check_prefix(settings.prefix, f"{TABLE} prefix")
-    topic = site_topic(prefix, site_of(scenario_name))
+    topic = site_topic(settings.prefix, site_of(scenario_name))
     return Site(_broker_in(settings), _access_in(settings), topic)
 
 
