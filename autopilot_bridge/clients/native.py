@@ -379,7 +379,7 @@ class NativeClient:
         self._drops.receive(message, now_us)
         self._outgoing += self._rates.receive(message, now_us)
         if message.get_type() == "COMMAND_ACK":
-            self._sent_commands.receive(message)
+            self._sent_commands.receive(message, now_us)
         if now_us >= monitor.undecided_until_us:  # otherwise a restart may undo the command
             self._send_commands(self._commands.receive(message, now_us), now_us)
         self._outgoing += self._parameters.receive(message, now_us)

@@ -14,7 +14,7 @@ from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming, is_for
 from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.parameters import ParameterSet
-from autopilot_bridge.vehicle.sent_commands import SentCommands
+from autopilot_bridge.vehicle.sent_commands import ANSWERED_WITHIN_US, SentCommands
 
 RESULTS = {
     mavlink.MAV_RESULT_TEMPORARILY_REJECTED: "temporarily rejected",
@@ -53,6 +53,14 @@ class SetParameter:
 AnyStep = Step | SetParameter
 
 
+def mode_of(step: Step) -> int | None:
+    """Return the number of the mode that MAV_CMD_DO_SET_MODE enters; None for other commands."""
+    if step.command != mavlink.MAV_CMD_DO_SET_MODE:
+        return None
+    _base, main, *sub = step.params
+    return int(main) << 16 | int(sub[0]) << 24 if sub else int(main)  # PX4, ArduPilot
+
+
 def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
     """Return a step as a COMMAND_INT if the step has a position, otherwise as a COMMAND_LONG."""
     command, params, place = step
@@ -70,8 +78,12 @@ class CommandSequence:
     A step is sent when the previous one has been accepted, and is sent again if no reply arrives in
     time. Repetition is harmless: each step commands a state or a position, never a change. When the
     last step is accepted, or any step is rejected, ``outcome`` becomes the pair (accepted, reason).
-    The reason for a rejection includes the autopilot's last warning text. Acknowledgements of
-    frames that were sent before a step are not used; the step is then sent again.
+    The reason for a rejection includes the autopilot's last warning text.
+
+    If frames with the same command were sent before a step and may still be acknowledged, no
+    acknowledgement is used until ``ANSWERED_WITHIN_US`` have passed. PX4 1.17 even acknowledges a
+    change of the mode twice, the first time at its receipt. After the earlier frames have been
+    acknowledged, a HEARTBEAT in the commanded mode ends the step; otherwise it is sent again.
     """
 
     def __init__(
@@ -98,7 +110,8 @@ class CommandSequence:
         self._steps = steps
         self._timing = timing
         self._sent = sent
-        self._earlier = 0  # acknowledgements of earlier frames that may still arrive
+        # Acknowledgements of earlier frames that may still arrive, and until when.
+        self._earlier, self._doubtful_until_us = 0, 0
         self._bytewise = bytewise
         self._after_heartbeats = after_heartbeats
         self._without_heartbeats = without_heartbeats
@@ -129,6 +142,7 @@ class CommandSequence:
         if isinstance(step, Step):
             self._setting = None
             self._earlier = self._sent.unanswered(step.command, now_us)
+            self._doubtful_until_us = now_us + ANSWERED_WITHIN_US if self._earlier else 0
             return self._send(step, now_us)
         self._setting = ParameterSet(
             self._target, step.name, step.value, self._bytewise, self._timing
@@ -147,10 +161,8 @@ class CommandSequence:
         if source != self._target or self.outcome is not None:
             return []
         kind = message.get_type()
-        if kind == "HEARTBEAT" and self._repeats:
-            self._repeats = False
-            step = self._steps[self._index]
-            return self._send(step, now_us) if isinstance(step, Step) else []
+        if kind == "HEARTBEAT":
+            return self._heartbeat(message.custom_mode, now_us)
         if kind == "STATUSTEXT" and message.severity <= WARNING:
             self._text = message.text.strip()
             if self._refusal is not None:
@@ -161,6 +173,18 @@ class CommandSequence:
         elif self._refusal is None and kind == "COMMAND_ACK":
             return self._acknowledged(message, now_us)
         return []
+
+    def _heartbeat(self, custom_mode: int, now_us: int) -> list[Message]:
+        step = self._steps[self._index]
+        if not isinstance(step, Step):
+            return []
+        is_answered = self._earlier == 0 and now_us < self._doubtful_until_us
+        if is_answered and self._refusal is None and custom_mode == mode_of(step):
+            return self._next(now_us)
+        if not self._repeats:
+            return []
+        self._repeats = False
+        return self._send(step, now_us)
 
     def _after_setting(self, now_us: int) -> list[Message]:
         assert self._setting is not None
@@ -178,8 +202,10 @@ class CommandSequence:
         assert isinstance(step, Step)
         if not is_for(message, self._sent.own) or message.command != step.command:
             return []
-        if self._earlier:
+        if self._earlier > 0 and now_us < self._doubtful_until_us:
             self._earlier -= message.result != mavlink.MAV_RESULT_IN_PROGRESS
+            return []
+        if mode_of(step) is not None and now_us < self._doubtful_until_us:
             return []
         self._repeats = False
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:

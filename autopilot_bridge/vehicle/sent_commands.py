@@ -31,12 +31,15 @@ class SentCommands:
         if message.get_type() in COMMANDS:
             self._sent_us.setdefault(message.command, deque(maxlen=8)).append(now_us)
 
-    def receive(self, message: Message) -> None:
+    def receive(self, message: Message, now_us: int) -> None:
         """Record a final COMMAND_ACK for this station, which belongs to the oldest frame."""
         sent_us = self._sent_us.get(message.command)
         is_final = message.result != mavlink.MAV_RESULT_IN_PROGRESS
-        if sent_us and is_final and is_for(message, self.own):
+        if not (sent_us and is_final and is_for(message, self.own)):
+            return
+        while len(sent_us) > 1 and now_us - sent_us[0] > ANSWERED_WITHIN_US:
             sent_us.popleft()
+        sent_us.popleft()
 
     def unanswered(self, command: int, now_us: int) -> int:
         """Return how many acknowledgements of frames sent until now may still arrive."""
