@@ -53,14 +53,6 @@ class SetParameter:
 AnyStep = Step | SetParameter
 
 
-def mode_of(step: Step) -> int | None:
-    """Return the number of the mode that MAV_CMD_DO_SET_MODE enters; None for other commands."""
-    if step.command != mavlink.MAV_CMD_DO_SET_MODE:
-        return None
-    _base, main, *sub = step.params
-    return int(main) << 16 | int(sub[0]) << 24 if sub else int(main)  # PX4, ArduPilot
-
-
 def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
     """Return a step as a COMMAND_INT if the step has a position, otherwise as a COMMAND_LONG."""
     command, params, place = step
@@ -81,9 +73,8 @@ class CommandSequence:
     The reason for a rejection includes the autopilot's last warning text.
 
     If frames with the same command were sent before a step and may still be acknowledged, no
-    acknowledgement is used until ``ANSWERED_WITHIN_US`` have passed. PX4 1.17 even acknowledges a
-    change of the mode twice, the first time at its receipt. After the earlier frames have been
-    acknowledged, a HEARTBEAT in the commanded mode ends the step; otherwise it is sent again.
+    acknowledgement is used until ``ANSWERED_WITHIN_US`` have passed; the step is sent again
+    meanwhile. PX4 1.17 even acknowledges a change of the mode twice, the first time at its receipt.
     """
 
     def __init__(
@@ -110,8 +101,7 @@ class CommandSequence:
         self._steps = steps
         self._timing = timing
         self._sent = sent
-        # Acknowledgements of earlier frames that may still arrive, and until when.
-        self._earlier, self._doubtful_until_us = 0, 0
+        self._doubtful_until_us = 0  # until when earlier frames may be acknowledged
         self._bytewise = bytewise
         self._after_heartbeats = after_heartbeats
         self._without_heartbeats = without_heartbeats
@@ -141,8 +131,8 @@ class CommandSequence:
         self._tries, self._working, self._repeats = 0, False, False
         if isinstance(step, Step):
             self._setting = None
-            self._earlier = self._sent.unanswered(step.command, now_us)
-            self._doubtful_until_us = now_us + ANSWERED_WITHIN_US if self._earlier else 0
+            is_doubtful = self._sent.unanswered(step.command, now_us) > 0
+            self._doubtful_until_us = now_us + ANSWERED_WITHIN_US if is_doubtful else 0
             return self._send(step, now_us)
         self._setting = ParameterSet(
             self._target, step.name, step.value, self._bytewise, self._timing
@@ -161,8 +151,10 @@ class CommandSequence:
         if source != self._target or self.outcome is not None:
             return []
         kind = message.get_type()
-        if kind == "HEARTBEAT":
-            return self._heartbeat(message.custom_mode, now_us)
+        if kind == "HEARTBEAT" and self._repeats:
+            self._repeats = False
+            step = self._steps[self._index]
+            return self._send(step, now_us) if isinstance(step, Step) else []
         if kind == "STATUSTEXT" and message.severity <= WARNING:
             self._text = message.text.strip()
             if self._refusal is not None:
@@ -173,18 +165,6 @@ class CommandSequence:
         elif self._refusal is None and kind == "COMMAND_ACK":
             return self._acknowledged(message, now_us)
         return []
-
-    def _heartbeat(self, custom_mode: int, now_us: int) -> list[Message]:
-        step = self._steps[self._index]
-        if not isinstance(step, Step):
-            return []
-        is_answered = self._earlier == 0 and now_us < self._doubtful_until_us
-        if is_answered and self._refusal is None and custom_mode == mode_of(step):
-            return self._next(now_us)
-        if not self._repeats:
-            return []
-        self._repeats = False
-        return self._send(step, now_us)
 
     def _after_setting(self, now_us: int) -> list[Message]:
         assert self._setting is not None
@@ -202,10 +182,7 @@ class CommandSequence:
         assert isinstance(step, Step)
         if not is_for(message, self._sent.own) or message.command != step.command:
             return []
-        if self._earlier > 0 and now_us < self._doubtful_until_us:
-            self._earlier -= message.result != mavlink.MAV_RESULT_IN_PROGRESS
-            return []
-        if mode_of(step) is not None and now_us < self._doubtful_until_us:
+        if now_us < self._doubtful_until_us:
             return []
         self._repeats = False
         if message.result == mavlink.MAV_RESULT_IN_PROGRESS:

@@ -7,7 +7,7 @@ does not override such a mode: it repeats no command, and no transfer changes th
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.stacks.stacks import Stack, Step
-from autopilot_bridge.vehicle.command_sequence import AnyStep, mode_of
+from autopilot_bridge.vehicle.command_sequence import AnyStep
 
 REPORTED_WITHIN_US = 10_000_000  # time until a heartbeat shows the mode; some heartbeats get lost
 DELAYED_US = 2_000_000  # a mode may be entered this long after another mode was commanded
@@ -18,9 +18,11 @@ def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
     if not isinstance(step, Step):
         return ()
     px4, plane = stack.name == "px4", stack.vehicle == "plane"
-    if (mode := mode_of(step)) is not None:
-        return (mode,)
     match step.command:
+        case mavlink.MAV_CMD_DO_SET_MODE if px4:
+            return (int(step.params[1]) << 16 | int(step.params[2]) << 24,)
+        case mavlink.MAV_CMD_DO_SET_MODE:
+            return (int(step.params[1]),)
         case mavlink.MAV_CMD_DO_REPOSITION:
             return (stack.mode_number("guided"),)
         case mavlink.MAV_CMD_DO_ORBIT:
