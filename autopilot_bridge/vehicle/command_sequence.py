@@ -131,7 +131,7 @@ class CommandSequence:
         self._tries, self._working, self._repeats = 0, False, False
         if isinstance(step, Step):
             self._setting = None
-            is_doubtful = self._sent.unanswered(step.command, now_us) > 0
+            is_doubtful = self._sent.may_be_acknowledged(step.command, now_us)
             self._doubtful_until_us = now_us + ANSWERED_WITHIN_US if is_doubtful else 0
             return self._send(step, now_us)
         self._setting = ParameterSet(

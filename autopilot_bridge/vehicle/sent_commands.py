@@ -1,4 +1,4 @@
-"""Counts the sent commands whose acknowledgements may still arrive.
+"""Records the sent commands that may still be acknowledged.
 
 A COMMAND_ACK contains only the number of the command. After an order replaces another one with the
 same number (most orders of ArduPilot change the mode), or after a command was repeated, an
@@ -41,7 +41,7 @@ class SentCommands:
             sent_us.popleft()
         sent_us.popleft()
 
-    def unanswered(self, command: int, now_us: int) -> int:
-        """Return how many acknowledgements of frames sent until now may still arrive."""
+    def may_be_acknowledged(self, command: int, now_us: int) -> bool:
+        """Return whether an acknowledgement of a frame sent until now may still arrive."""
         sent_us = self._sent_us.get(command, ())
-        return sum(now_us - at_us <= ANSWERED_WITHIN_US for at_us in sent_us)
+        return any(now_us - at_us <= ANSWERED_WITHIN_US for at_us in sent_us)

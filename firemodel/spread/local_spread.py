@@ -254,8 +254,8 @@ def perturbed(
     All later entries are changed too. In the changed entries the wind speed is multiplied by
     ``wind_factor``, and the wind direction is turned clockwise by ``turn_deg``: numbers, or one
     number for each changed entry. The spread rate is multiplied by ``spread_factor``: a number, or
-    an array whose last axis is ``Landscape.burnable_codes`` or the fuel beds, and whose first axis,
-    if there are two, is the changed entries. An array with three axes (changed entries, fuel beds,
+    an array. Its last axis is ``Landscape.burnable_codes`` or the fuel beds; its first axis, if
+    there are two, is the changed entries. An array with three axes (changed entries, fuel beds,
     8) contains a factor for each of ``Tables.terms``. Raises FireModelError for a factor that is
     not from 0 to ``MAX_FACTOR``, or a turn that is not a finite number.
     """

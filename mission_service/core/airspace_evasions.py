@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
+from operator import itemgetter
 
 import msgspec
 import numpy as np
@@ -79,8 +80,8 @@ class Evasions:
         found, drawbacks, limit_s = None, (True, True), math.inf
         exits = exits_from((fix.x_m, fix.y_m), blocked, beyond_m)
         air_m_s = self._air_velocity_m_s(vehicle, fix.at_s)
-        for place in sorted(exits, key=lambda each: to_place_s(vehicle, fix, each, air_m_s)):
-            out_s = to_place_s(vehicle, fix, place, air_m_s)
+        timed = [(to_place_s(vehicle, fix, each, air_m_s), each) for each in exits]
+        for out_s, place in sorted(timed, key=itemgetter(0)):
             if out_s > limit_s:
                 break
             path = np.array([(fix.x_m, fix.y_m), place])
@@ -157,7 +158,8 @@ class Evasions:
                 choices = [self._guidance.items(vehicle, path, fix)]
             else:
                 direct = without_climb(self._straight_off(vehicle, path, fix))
-                choices = [_level_at_first(direct, vehicle, fix), direct]
+                level = direct if vehicle.section.winged else _level_at_first(direct, fix)
+                choices = [direct] if level is direct else [level, direct]
             for items in choices:
                 places = self._space.route(vehicle, items)
                 if self._around_conflict(vehicle, fix, places, airspace) is None:
@@ -379,13 +381,13 @@ class Evasions:
         return None
 
 
-def _level_at_first(items: Items, vehicle: Vehicle, fix: PositionFix) -> Items:
-    """Return a mission whose first leg does not descend if a multirotor flies it.
+def _level_at_first(items: Items, fix: PositionFix) -> Items:
+    """Return a multirotor's mission without a descent on its first leg.
 
     On a steep descent a multirotor flies slowly, and would stay inside a closed volume for long.
     """
     first = next(seq for seq, item in enumerate(items) if has_position(item.command))
-    if vehicle.section.winged or items[first].z >= fix.altitude_m:
+    if items[first].z >= fix.altitude_m:
         return items
     level = replace(items[first], z=round(fix.altitude_m, 1))
     return (*items[:first], level, *items[first + 1 :])

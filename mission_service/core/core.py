@@ -216,9 +216,8 @@ class Core:
             return True
         if isinstance(command, Land) and not availability.airborne:
             return True
-        takes_off = isinstance(command, StartMission) and not availability.airborne
-        clears = takes_off and self.clearing.state.in_force
-        if clears or (isinstance(command, StartMission) and availability.landed):
+        stays_down = self.clearing.state.in_force and not availability.airborne
+        if isinstance(command, StartMission) and (availability.landed or stays_down):
             vehicle.end_intentions()
             vehicle.waits_for_operator = True
             return True

@@ -375,10 +375,9 @@ class Landings:
         own = vehicle.landing_state
         for other in self.vehicles.values():
             state = other.landing_state
-            limit_s = LIMITS_S.get(state.landing_phase, 0.0)  # its link may be lost
             if other is vehicle or math.dist(other.home_m, vehicle.home_m) > FIELD_M:
                 continue
-            if not (state.active and other.availability.reported_within(limit_s, at_s)):
+            if not other.availability.may_still_land(at_s):
                 continue
             waits_longer = state.landing_phase is LandingPhase.WAITING
             if own.landing_phase is LandingPhase.WAITING:

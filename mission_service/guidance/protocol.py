@@ -265,7 +265,7 @@ class Lock(Protocol):
         """Update the lock's state from the commands of the core."""
 
     def unfinished_drops(self) -> list[Drop]:
-        """Return the ordered drops whose outcome has not been reported."""
+        """Return the ordered drops that have no reported outcome."""
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
         """Return the reason why a drop must not be ordered now, or None if the drop is allowed."""

@@ -264,8 +264,7 @@ async def _engine_of(
 ) -> Engine:
     """Return the engine of a new or resumed run; ``stack`` closes the journal."""
     references = Known(run.scenario, landscape)
-    interrupted, down_s = _interrupted(run, references, announcements.show)
-    down_until_us = clock_us()
+    interrupted, down_from_s = _interrupted(run, references, announcements.show)
     journal = _journal_of(run, references, interrupted, announcements.show)
     stack.callback(journal.close)
     broadcast = no_broadcast if exchange is None else exchange.broadcast
@@ -278,8 +277,7 @@ async def _engine_of(
     stack.callback(service.sensors.close)
     announcements.engine = service
     if interrupted is not None:
-        down_s += (clock_us() - down_until_us) / 1e6
-        await _resume(interrupted, service, clock, down_s)
+        await _resume(interrupted, service, clock, wall_us() / 1e6 - down_from_s)
         service.announce(
             "service", f"resumes the run of {run.journal_path}; earlier approvals are void"
         )
@@ -292,7 +290,7 @@ async def _engine_of(
 def _interrupted(
     run: Run, references: Known, report: Callable[[str, str], None]
 ) -> tuple[InterruptedRun | None, float]:
-    """Return the run to resume, if any, and the time in s since its journal was last written.
+    """Return the run to resume, if any, and when its journal was last written (s since 1970).
 
     A run that was interrupted for longer than its duration is not resumed. Otherwise it would end
     at once, and no vehicle in the air would be controlled: the computer's clock may have been wrong
@@ -303,13 +301,14 @@ def _interrupted(
     interrupted = unfinished(run.journal_path, references, run.scenario, run.skip_unreadable)
     if interrupted is None:
         return None, 0.0
-    down_s = wall_us() / 1e6 - last_written_s(run.journal_path)
+    down_from_s = last_written_s(run.journal_path)
+    down_s = wall_us() / 1e6 - down_from_s
     if down_s > run.scenario.duration_s - run.scenario.start_s:
         words = f"the run of {run.journal_path} is not resumed: it was interrupted"
         words += f" {down_s / 3600.0:.1f} h ago, which is longer than its duration"
         report("service", f"{words}; if that is not true, check the computer's clock")
         return None, 0.0
-    return interrupted, down_s
+    return interrupted, down_from_s
 
 
 def _context_of(

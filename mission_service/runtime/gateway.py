@@ -123,9 +123,9 @@ class MissionClock:
     In a simulation that runs faster than real time, the autopilots' clocks synchronise fire and
     flight. The first autopilot begins at ``start_us``. If an autopilot connects later, is restarted
     or has a slower clock, its time is set to the current mission time, because a team ignores a
-    vehicle whose time lags behind. While no autopilot reports its time, for example because all of
-    them are switched off between two flights, mission time continues at its last rate. With the
-    wall clock, mission time is ``start_us`` plus the time since the service began.
+    vehicle with a time that lags behind. While no autopilot reports its time, for example because
+    all of them are switched off between two flights, mission time continues at its last rate. With
+    the wall clock, mission time is ``start_us`` plus the time since the service began.
     """
 
     def __init__(self, start_us: int, wall: bool) -> None:

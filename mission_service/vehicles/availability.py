@@ -23,6 +23,7 @@ from mission_service.commands import (
 from mission_service.events import Order
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.ground_altitude import GroundAltitude
+from mission_service.vehicles.landing_state import LIMITS_S, LandingPhase
 
 AIRBORNE_M = 15.0
 GOING_HOME = ("return", "land", "qrtl", "qland")  # modes, by the bridge's names
@@ -141,8 +142,12 @@ class VehicleAvailability:
         counted_on &= self.landing == "none"
         return counted_on and self.position_good and not self.taken_over
 
-    def reported_within(self, limit_s: float, at_s: float) -> bool:
-        """Return whether the vehicle reported a position at most ``limit_s`` ago."""
+    def may_still_land(self, at_s: float) -> bool:
+        """Return whether a landing is under way, and its phase may last since the last report.
+
+        The link may be lost during a landing, so that its end is not reported.
+        """
+        limit_s = LIMITS_S.get(LandingPhase(self.landing), -math.inf)
         return self.fix is not None and at_s - self.fix.at_s <= limit_s
 
     def recent_wind(self, at_s: float) -> MeasuredWind | None:

@@ -31,7 +31,6 @@ from mission_service.missions.separation import (
 )
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import VehicleAvailability
-from mission_service.vehicles.landing_state import LIMITS_S, LandingPhase
 
 Floats = NDArray[np.float64]
 
@@ -234,10 +233,7 @@ class TrafficManager:
             if other is own:
                 continue
             fix, availability = other.availability.fix, other.availability
-            lands = availability.landing in DESCENDING
-            if lands and availability.reported_within(
-                LIMITS_S[LandingPhase(availability.landing)], at_s
-            ):
+            if availability.landing in DESCENDING and availability.may_still_land(at_s):
                 place, why = other.home_m, "is landing"
             elif availability.airborne and fix is not None and at_s - fix.at_s < STALE_S:
                 place, why = (fix.x_m, fix.y_m), f"is within {TAKEOFF_CLEAR_M:.0f} m of its home"

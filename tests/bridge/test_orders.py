@@ -435,7 +435,7 @@ def test_a_refusal_that_arrives_after_the_timeout_is_not_followed_by_a_repeat() 
 
 
 class Plane:
-    """An ArduPlane whose frames, answers and losses are those of a test."""
+    """An ArduPlane with the frames, answers and losses of a test."""
 
     def __init__(self) -> None:
         self.client, self.now_us = NativeClient(rates_hz={}), 0
@@ -519,7 +519,7 @@ def test_two_acknowledgements_of_a_replaced_order_do_not_count_for_the_next_one(
 
 
 def test_a_heartbeat_from_before_an_order_does_not_show_its_effect() -> None:
-    """A return is replaced by a hold, and this by another return, whose frame is lost."""
+    """A return is replaced by a hold, and this by another return; the frame of the last is lost."""
     plane = Plane()
     for order in ("return", "hold", "return"):
         plane.client.command(order, plane.now_us)

@@ -308,7 +308,7 @@ def test_with_a_standing_sign_off_a_vehicle_is_ready_some_time_after_its_battery
 
 
 def always_full(folder: Path, **relief: object) -> Flight:
-    """Return a flight of two vehicles whose batteries are full all the time."""
+    """Return a flight of two vehicles with batteries that are full all the time."""
     flight = Flight(folder, relief_scenario(2, standing_signoff=True, ready_after_s=1.0, **relief))
     for name in ("hawk", "kite"):
         flight.mock(name).flight.battery.percent = 100.0

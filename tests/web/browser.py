@@ -172,3 +172,17 @@ def share_expected(page: Page) -> float:
     """Return the share of the map in the colours of the slider's fire: red and green."""
     red, green, blue = np.moveaxis(pixels(page), 2, 0)
     return float(((red - green > 20) & (green - blue > 20)).mean())
+
+
+def record_sounds(page: Page) -> None:
+    """Store the frequencies of the sounds that the page plays in ``window.sounded``."""
+    page.evaluate(
+        """() => {
+          const start = OscillatorNode.prototype.start;
+          window.sounded = [];
+          OscillatorNode.prototype.start = function (at) {
+            window.sounded.push(this.frequency.value);
+            start.call(this, at);
+          };
+        }"""
+    )

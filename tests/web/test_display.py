@@ -9,7 +9,16 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.web.browser import NO_RESPONSE, Seen, context_of, draw, page_of, place_of, show_log
+from tests.web.browser import (
+    NO_RESPONSE,
+    Seen,
+    context_of,
+    draw,
+    page_of,
+    place_of,
+    record_sounds,
+    show_log,
+)
 from tests.web.readability import (
     axe_problems,
     cut_texts,
@@ -415,16 +424,7 @@ def test_waiting_plans_have_a_badge_and_a_sound_at_every_size(
     ):
         badge = page.locator("#waiting")
         expect(badge).to_have_text(re.compile(r"^[12] plans? waits?$"))
-        page.evaluate(
-            """() => {
-            const start = OscillatorNode.prototype.start;
-            window.sounded = [];
-            OscillatorNode.prototype.start = function (at) {
-                window.sounded.push(this.frequency.value);
-                start.call(this, at);
-            };
-        }"""
-        )
+        record_sounds(page)
         page.click("#tab-log")  # permits sound
         for size in SIZES:
             resize(page, size)

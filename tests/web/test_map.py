@@ -24,6 +24,7 @@ from tests.web.browser import (
     draw,
     page_of,
     place_of,
+    record_sounds,
     share_burned,
     share_expected,
     show_log,
@@ -339,16 +340,7 @@ def test_abort_by_button_and_by_keyboard_holds_the_vehicles(
     desktop: tuple[Page, Seen], fire: Service
 ) -> None:
     page, _ = desktop
-    page.evaluate(
-        """() => {
-          const start = OscillatorNode.prototype.start;
-          window.sounded = [];
-          OscillatorNode.prototype.start = function (at) {
-            window.sounded.push(this.frequency.value);
-            start.call(this, at);
-          };
-        }"""
-    )
+    record_sounds(page)
     page.click("#abort")
     assert orders(fire) == {""}, "one press is not enough"
     page.click("#abort")

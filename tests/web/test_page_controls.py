@@ -16,7 +16,7 @@ from mission_service.events import OrderGiven
 from mission_service.runtime.state_view import StateView
 from tests.api.worlds import scenario_of, world_in
 from tests.patience import PATIENCE_S
-from tests.web.browser import Seen, draw, page_of
+from tests.web.browser import Seen, draw, page_of, record_sounds
 from tests.web.readability import assert_readable
 from tests.web.service import wait_for
 from tests.web.virtual_flight import Site, site_of
@@ -102,16 +102,7 @@ def battery_alarms(page: Page, severity: str = "") -> Locator:
 
 
 def test_an_alarm_that_becomes_severe_is_shown_and_sounds_again(page: Page, site: Site) -> None:
-    page.evaluate(
-        """() => {
-          const start = OscillatorNode.prototype.start;
-          window.sounded = [];
-          OscillatorNode.prototype.start = function (at) {
-            window.sounded.push(this.frequency.value);
-            start.call(this, at);
-          };
-        }"""
-    )
+    record_sounds(page)
     page.click("#tab-vehicles")  # permits sound
     shown = battery_alarms(page)
     change(site, lambda view: view.alarm("battery/hawk", "hawk: battery low"))

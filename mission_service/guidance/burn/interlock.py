@@ -313,7 +313,7 @@ class Interlock:
         }
 
     def unfinished_drops(self) -> list[Drop]:
-        """Return the ordered drops whose outcome has not been reported."""
+        """Return the ordered drops that have no reported outcome."""
         return list(self._unfinished.values())
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
