@@ -60,7 +60,8 @@ class RequestScope:
         on_map: Returns whether a position (latitude, longitude, in degrees) is on the landscape.
         vehicles: The names of the vehicles; None: any.
         accepted: The names of the requests.
-        alarms: Returns the keys of the active alarms; None: any key is accepted.
+        alarms: Returns the keys of the active alarms, and of those that cleared last: an
+            acknowledgement may be late. None: any key is accepted.
     """
 
     stations: Collection[str] = ()
@@ -144,12 +145,10 @@ def _check_names(request: Request, scope: RequestScope) -> None:
         listed = f"{', '.join(vehicles)}{did_you_mean(vehicle, vehicles)}"
         raise RequestError(f"no vehicle {_cut(vehicle)}; the vehicles are {listed}")
     if isinstance(request, Acknowledge) and scope.alarms is not None:
-        active = scope.alarms()
-        if request.alarm not in active:
-            keys = ", ".join(sorted(active)[:MAX_KEYS_SHOWN]) or "none"
-            raise RequestError(
-                f"acknowledge: no alarm {_cut(request.alarm)} is active; active: {keys}"
-            )
+        known = scope.alarms()
+        if request.alarm not in known:
+            keys = ", ".join(list(known)[:MAX_KEYS_SHOWN]) or "none"
+            raise RequestError(f"acknowledge: no alarm {_cut(request.alarm)}; the alarms: {keys}")
 
 
 def _kind(do: Any, accepted: Collection[str]) -> type[Request]:

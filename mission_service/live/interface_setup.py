@@ -106,7 +106,7 @@ def request_handler_of(
     names = tuple(section.name for section in scenario.flown)
     view = service.state_view
     scope = RequestScope(
-        stations, items, on_map, names, accepted_in(scenario), lambda: view.alarms.keys()
+        stations, items, on_map, names, accepted_in(scenario), view.active_or_cleared_alarms
     )
     area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
     return RequestHandler(submit, status, lambda: clock.now_us, scope, area, outcome)

@@ -129,6 +129,16 @@ def test_an_alarm_that_becomes_severe_must_be_acknowledged_again() -> None:
     assert notices.alarms["link/hawk"].acknowledged_by == ""
 
 
+def test_a_late_acknowledgement_may_name_an_alarm_that_has_cleared() -> None:
+    notices = Notices(0, RunStatistics((), 0, None))  # type: ignore[arg-type]
+    notices.alarm("link/hawk", "weak")
+    notices.alarm("link/kite", "weak")
+    notices.clear_alarm("link/kite")
+    assert notices.active_or_cleared_alarms() == ["link/hawk", "link/kite"]
+    notices.acknowledge_alarm("link/kite", "ann")
+    assert notices.cleared[0].acknowledged_by == ""
+
+
 def test_a_warning_that_becomes_severe_is_sent_again() -> None:
     found = dispatch(min_severity="warning")
     warning = alarm(severity="warning", text="weak")

@@ -18,6 +18,7 @@ from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tests.patience import PATIENCE_S
+from tests.web.service import Service, wait_for
 
 CHROMIUM = shutil.which("chromium")
 # As root, Chromium raises its own priority above that of the service, which then loses its links.
@@ -33,6 +34,7 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 NO_RESPONSE = "net::ERR_"  # in the error of each request to a service that was killed
+LOADED = "missionMap.areTilesLoaded() && missionMap.querySourceFeatures('relief').length > 0"
 READY_MS = PATIENCE_S * 1e3 / 2  # test machines may be busy
 expect.set_options(timeout=READY_MS)
 
@@ -72,7 +74,9 @@ class Seen:
         context.on(
             "console",
             lambda message: (
-                self._add(message.text) if message.type in ("error", "warning") else None
+                self._add(f"{message.text} ({message.location.get('url', '')})")
+                if message.type in ("error", "warning")
+                else None
             ),
         )
         context.on("weberror", lambda error: self._add(str(error.error)))
@@ -125,6 +129,13 @@ def page_of(
         yield page, seen
     assert seen.hosts <= {"127.0.0.1", "blob", "data"}, seen.hosts
     assert not seen.complaints, seen.complaints
+
+
+def kill_service(service: Service, page: Page, seen: Seen) -> None:
+    """Kill a service when the page has loaded what it needs once; later requests may fail."""
+    wait_for(lambda: page.evaluate(LOADED), 60, "terrain and relief are loaded")
+    seen.ignore(NO_RESPONSE)
+    service.process.kill()
 
 
 def place_of(page: Page, lat_deg: float, lon_deg: float) -> tuple[float, float]:

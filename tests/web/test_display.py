@@ -10,10 +10,10 @@ from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.web.browser import (
-    NO_RESPONSE,
     Seen,
     context_of,
     draw,
+    kill_service,
     page_of,
     place_of,
     record_sounds,
@@ -455,10 +455,9 @@ def test_a_burn_and_an_alarm_are_accessible(
             set_theme(page, theme)
             expect(page.locator(".alarm").first).to_be_visible()
             assert_accessible(page, f"{theme}, burn with an alarm")
-        service.process.kill()
+        kill_service(service, page, seen)
         expect(page.locator("#top .link.lost")).to_be_visible()
         assert_accessible(page, "lost service")
-        seen.ignore(NO_RESPONSE)
 
 
 def test_the_page_is_small_and_is_painted(chromium: Browser, fire: Service) -> None:

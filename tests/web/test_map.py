@@ -19,9 +19,9 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.web.browser import (
-    NO_RESPONSE,
     Seen,
     draw,
+    kill_service,
     page_of,
     place_of,
     record_sounds,
@@ -480,11 +480,10 @@ def test_a_lost_service_is_an_alarm_with_the_age_of_the_picture(
     chromium: Browser, fire: Service
 ) -> None:
     with page_of(chromium, fire.address, fire.boss, DESKTOP) as (page, seen):
-        fire.process.kill()
+        kill_service(fire, page, seen)
         expect(page.locator(".alarm.severe")).to_contain_text("Service lost")
         expect(page.locator(".alarm.severe")).to_contain_text("old")
         state_view(page, "service-lost")
-        seen.ignore(NO_RESPONSE)
 
 
 def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(

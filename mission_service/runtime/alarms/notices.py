@@ -69,6 +69,10 @@ class Notices:
             self._record("alarm", alarm.vehicle, f"alarm cleared: {alarm.text}")
             self._touch("alarms")
 
+    def active_or_cleared_alarms(self) -> list[str]:
+        """Return the keys of the active alarms, then of the alarms that cleared last."""
+        return [*self.alarms, *(alarm.alarm for alarm in reversed(self.cleared))]
+
     def clear_all_but(self, *prefixes: str) -> None:
         """Clear all alarms without these prefixes; alarms whose cause persists are raised again."""
         for key in [key for key in self.alarms if key.partition("/")[0] not in prefixes]:
