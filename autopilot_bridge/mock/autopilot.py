@@ -329,6 +329,8 @@ class MockAutopilot:
             action = round(request.params[1])
             self._answer(request.command, self._gripper.operate(action, requester, self._now_us()))
             return
+        if self.stack.name == "px4" and request.command == mavlink.MAV_CMD_DO_SET_MODE:
+            self._answer(request.command, [(requester, int(mavlink.MAV_RESULT_ACCEPTED))])
         result = self._commands.execute(request, self.flight, self._now_s())
         if request.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
             self._make_current(int(request.params[0]))

@@ -1,6 +1,7 @@
 """Sends sequences of commands using the MAVLink command protocol (COMMAND_LONG and COMMAND_INT).
 
 sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK rejected--> ended
+sent --ACK on receipt--> received --ACK accepted, or none--> next step; --ACK rejected--> ended
 sent: the command is repeated on timeout
 working: the command was accepted and is not repeated; its completion may be reported late or never
 """
@@ -34,6 +35,7 @@ def result_words(result: int) -> str:
     return RESULTS.get(result, f"MAV_RESULT {result}")
 
 
+RESULT_AFTER_RECEIPT_US = 500_000  # time between two acknowledgements of one command
 # The reason for a rejection may arrive later as a text (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
@@ -55,7 +57,7 @@ AnyStep = Step | SetParameter
 
 def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
     """Return a step as a COMMAND_INT if the step has a position, otherwise as a COMMAND_LONG."""
-    command, params, place = step
+    command, params, place, _ = step
     if place is None:
         values = [*params, *[0.0] * (7 - len(params))]
         return mavlink.MAVLink_command_long_message(*target, command, tries, *values)
@@ -74,7 +76,8 @@ class CommandSequence:
 
     If frames with the same command were sent before a step and may still be acknowledged, no
     acknowledgement is used until ``ANSWERED_WITHIN_US`` have passed; the step is sent again
-    meanwhile. PX4 1.17 even acknowledges a change of the mode twice, the first time at its receipt.
+    meanwhile. A step that is also acknowledged on receipt counts as accepted after the second
+    acknowledgement; if that one is lost, after ``RESULT_AFTER_RECEIPT_US``.
     """
 
     def __init__(
@@ -110,6 +113,7 @@ class CommandSequence:
         self._tries = 0
         self._deadline_us = 0
         self._working = False
+        self._is_received = False  # the step was acknowledged, and its result is still to come
         self._setting: ParameterSet | None = None
         self._refusal: str | None = None
         self._text = ""
@@ -129,6 +133,7 @@ class CommandSequence:
     def _begin(self, now_us: int) -> list[Message]:
         step = self._steps[self._index]
         self._tries, self._working, self._repeats = 0, False, False
+        self._is_received = False
         if isinstance(step, Step):
             self._setting = None
             is_doubtful = self._sent.may_be_acknowledged(step.command, now_us)
@@ -198,6 +203,10 @@ class CommandSequence:
             if self._text:
                 self._end_refused()
             return []
+        if step.acked_on_receipt and not self._is_received:
+            self._is_received = True
+            self._deadline_us = now_us + RESULT_AFTER_RECEIPT_US
+            return []
         return self._next(now_us)
 
     def _next(self, now_us: int) -> list[Message]:
@@ -225,6 +234,8 @@ class CommandSequence:
         if self._setting is not None:
             messages = self._setting.handle_timer(now_us)
             return messages + self._after_setting(now_us)
+        if self._is_received:
+            return self._next(now_us)
         step = self._steps[self._index]
         assert isinstance(step, Step)
         if self._repeats and self._without_heartbeats:

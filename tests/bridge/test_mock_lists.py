@@ -78,7 +78,9 @@ def test_px4_does_not_fly_a_mission_out_of_its_fence() -> None:
     upload(player, fence(*ROUND_HOME), 1)
     assert texts(player.listen(1.0)) == ["Geofence violation for waypoint 2"]
     assert current(player)["mission_state"] == 1
-    assert brief(player.send(command(176, 1.0, 4.0, 4.0))) == [("COMMAND_ACK", 1)]
+    # PX4 acknowledges the receipt of a mode change first, then the result.
+    replies = player.send(command(176, 1.0, 4.0, 4.0))
+    assert brief(replies) == [("COMMAND_ACK", 0), ("COMMAND_ACK", 1)]
 
 
 @each_stack
@@ -145,7 +147,7 @@ def test_px4_accepts_a_mission_without_landing_and_then_does_not_fly_it() -> Non
     assert brief(upload(player, line_of(3))) == [("MISSION_ACK", 0)]
     assert current(player)["mission_state"] == 1
     replies = player.send(command(176, 1.0, 4.0, 4.0))
-    assert brief(replies) == [("COMMAND_ACK", 1)]
+    assert brief(replies) == [("COMMAND_ACK", 0), ("COMMAND_ACK", 1)]
     assert texts(replies) == ["Landing waypoint/pattern required"]
     upload(player, (*line_of(3), replace(WAYPOINT, command=21)))
-    assert brief(player.send(command(176, 1.0, 4.0, 4.0))) == [("COMMAND_ACK", 0)]
+    assert brief(player.send(command(176, 1.0, 4.0, 4.0))) == 2 * [("COMMAND_ACK", 0)]

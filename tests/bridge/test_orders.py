@@ -418,6 +418,38 @@ def test_repeats_are_counted_and_a_refusal_after_one_is_reported_with_that() -> 
     assert silent.outcome == (False, "NAV_TAKEOFF was not acknowledged")
 
 
+def mode_change_received_by_px4() -> CommandSequence:
+    step = stack_named("px4", "plane").set_mode(4 << 16)
+    sequence = CommandSequence("resume", (1, 1), (step,), TIMING, SentCommands(OWN))
+    sequence.start(0)
+    sequence.receive(ack(0, command=step.command), 10_000)
+    assert sequence.outcome is None
+    return sequence
+
+
+def test_px4_refuses_a_mode_after_it_has_acknowledged_the_receipt() -> None:
+    refused, accepted, lost = (mode_change_received_by_px4() for _ in range(3))
+    command = mavlink.MAV_CMD_DO_SET_MODE
+    refused.receive(ack(mavlink.MAV_RESULT_TEMPORARILY_REJECTED, command=command), 20_000)
+    refused.handle_timer(320_000)
+    assert refused.outcome == (False, "DO_SET_MODE temporarily rejected")
+    accepted.receive(ack(0, command=command), 20_000)
+    assert accepted.outcome == (True, "accepted")
+    assert lost.next_timer() == 510_000
+    assert lost.handle_timer(510_000) == []
+    assert lost.outcome == (True, "accepted")
+
+
+def test_px4_is_not_armed_after_it_has_refused_the_mission_mode() -> None:
+    sequence = CommandSequence("start mission", (1, 1), PX4.start, TIMING, SentCommands(OWN))
+    (mode_change,) = sequence.start(0)
+    assert sequence.receive(ack(0, command=mode_change.command), 10_000) == []
+    refusal = ack(mavlink.MAV_RESULT_TEMPORARILY_REJECTED, command=mode_change.command)
+    assert sequence.receive(refusal, 20_000) == []
+    assert sequence.handle_timer(320_000) == []
+    assert sequence.outcome == (False, "DO_SET_MODE temporarily rejected")
+
+
 def test_a_refusal_that_arrives_after_the_timeout_is_not_followed_by_a_repeat() -> None:
     sent = SentCommands(OWN)
     sequence = CommandSequence("hold", (1, 1), (STEP,), TIMING, sent, after_heartbeats=True)

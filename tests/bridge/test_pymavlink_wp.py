@@ -13,7 +13,7 @@ from pymavlink import mavftp, mavutil, mavwp
 from autopilot_bridge.items import Items
 from autopilot_bridge.missions.mission_file import encode_mission_file
 from autopilot_bridge.missions.read_back import as_read_back
-from autopilot_bridge.stacks.stacks import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, Step, stack_named
 from tests.bridge.mock_process import mock_process, short_mission
 from tests.patience import PATIENCE_S
 
@@ -112,11 +112,18 @@ def expected(items: Items, stack: Stack) -> list[tuple[int, ...]]:
 
 
 def start(connection: Any, stack: Stack) -> None:
-    for command, params, _ in stack.start:
-        values = [*params, *[0.0] * (7 - len(params))]
-        send = partial(connection.mav.command_long_send, 1, 1, command, 0, *values)
-        ack = asked(connection, send, "COMMAND_ACK")
-        assert (ack.command, ack.result) == (command, mavlink.MAV_RESULT_ACCEPTED)
+    for step in stack.start:
+        carry_out(connection, step)
+
+
+def carry_out(connection: Any, step: Step) -> None:
+    values = [*step.params, *[0.0] * (7 - len(step.params))]
+    send = partial(connection.mav.command_long_send, 1, 1, step.command, 0, *values)
+    acks = [asked(connection, send, "COMMAND_ACK")]
+    if step.acked_on_receipt:
+        acks.append(connection.recv_match(type="COMMAND_ACK", blocking=True, timeout=TIMEOUT_S))
+    for ack in acks:
+        assert (ack.command, ack.result) == (step.command, mavlink.MAV_RESULT_ACCEPTED)
 
 
 def until_current(connection: Any, seq: int) -> list[int]:
@@ -152,11 +159,7 @@ def test_the_classic_waypoint_loop_uploads_downloads_flies_and_clears(
         assert seqs[-3:] == [len(items) - 3, len(items) - 2, len(items) - 1]
         connection.waypoint_set_current_send(hidden + 1)
         assert until_current(connection, hidden + 1)
-        command, params, _ = stack.set_mode(stack.rtl_mode)
-        values = [*params, *[0.0] * (7 - len(params))]
-        send = partial(connection.mav.command_long_send, 1, 1, command, 0, *values)
-        ack = asked(connection, send, "COMMAND_ACK")
-        assert ack.result == mavlink.MAV_RESULT_ACCEPTED
+        carry_out(connection, stack.set_mode(stack.rtl_mode))
         cleared = asked(connection, connection.waypoint_clear_all_send, "MISSION_ACK")
         assert cleared.type == mavlink.MAV_MISSION_ACCEPTED
         assert downloaded(connection).count() == 0
