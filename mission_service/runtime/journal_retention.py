@@ -1,10 +1,12 @@
 """Writes states periodically, divides the journal into segments and deletes old segments.
 
 A state is a snapshot of the service (``journal/snapshot.py``). A state is pickled on the event loop
-between two events; a thread then compresses and writes it. This module also handles a full disk.
+between two events; a thread then compresses and writes it. This module also handles a full disk,
+and raises an alarm before the disk is full.
 """
 
 import asyncio
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -25,6 +27,7 @@ from mission_service.runtime.gateway import MissionClock
 LOOK_EVERY_S = 0.5
 # The number of journal bytes that a restart can read in about a second.
 STATE_EVERY_BYTES = 4_000_000
+LOW_FREE_BYTES, ENOUGH_FREE_BYTES = 500_000_000, 600_000_000
 
 
 class JournalRetention:
@@ -42,6 +45,7 @@ class JournalRetention:
         """Maintain the journal until cancelled."""
         while True:
             self._alarm_journal()
+            self._alarm_space()
             if self._service.recording.trouble:
                 clock.wall_passed(clock_us())
                 self._service.retry(clock.now_us, clock_us())
@@ -107,6 +111,24 @@ class JournalRetention:
             state_view.alarm("journal", text, "severe")
         else:
             state_view.clear_alarm("journal")
+
+    def _alarm_space(self) -> None:
+        """Raise the alarm for a disk that is almost full, until it has enough free space."""
+        state_view, folder = self._service.state_view, self._service.recording.journal.path.parent
+        try:
+            free_bytes = shutil.disk_usage(folder).free
+        except OSError:  # the folder is gone; the alarm of the journal reports it
+            return
+        is_raised = "disk" in state_view.alarms
+        if free_bytes >= (ENOUGH_FREE_BYTES if is_raised else LOW_FREE_BYTES):
+            state_view.clear_alarm("disk")
+            return
+        free_mb = round(free_bytes / 1e6, -1 if free_bytes >= 1e8 else 0)
+        text = (
+            f"only {free_mb:.0f} MB are free in {folder}: the service executes only aborts on a "
+            "full disk; delete other files, or set service.journal.keep_mb"
+        )
+        state_view.alarm("disk", text)
 
 
 def _write_newest(path: Path, frozen: Frozen, rest: Rest) -> None:

@@ -1,10 +1,13 @@
 """The journal in segments: closed, chained, verified, deleted; continued after any kill."""
 
 import asyncio
+import contextlib
 import json
 import os
+import shutil
 import stat
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -34,6 +37,7 @@ from mission_service.journal.segments import (
 )
 from mission_service.journal.snapshot import Frozen, Known, read, write
 from mission_service.replay.verification import verify
+from mission_service.runtime.gateway import MissionClock
 from mission_service.runtime.journal_retention import JournalRetention
 from mission_service.simulation.sim import Simulation
 
@@ -249,6 +253,31 @@ def test_segments_are_deleted_only_with_a_limit(kept: Kept, tmp_path: Path) -> N
     assert JournalSection().keep_mb is None
     assert [segments_after(JournalSection()) for _ in range(3)] == [[1], [1, 2], [1, 2, 3]]
     assert segments_after(JournalSection(keep_mb=0.001)) == [4]
+    journal.close()
+
+
+def test_an_almost_full_disk_is_an_alarm_until_it_has_space_again(
+    kept: Kept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    header = header_of(kept.scenario, kept.landscape.digest(), "")
+    journal = Journal(tmp_path / "journal.jsonl", header, durable=True)
+    service = Simulation(kept.scenario, journal, kept.landscape).service
+    retention = JournalRetention(service, kept.shared, JournalSection())
+
+    def alarm_with(free_bytes: int) -> str:
+        usage = SimpleNamespace(free=free_bytes)
+        monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage)
+        maintained = retention.maintain(MissionClock(0, wall=False))
+        with contextlib.suppress(TimeoutError):
+            asyncio.run(asyncio.wait_for(maintained, 0.1))
+        alarm = service.state_view.alarms.get("disk")
+        return alarm.text if alarm else ""
+
+    assert alarm_with(500_000_000) == ""
+    assert alarm_with(443_000_000).startswith(f"only 440 MB are free in {tmp_path}")
+    assert alarm_with(7_400_000).startswith("only 7 MB are free")
+    assert alarm_with(599_000_000) != ""
+    assert alarm_with(600_000_000) == ""
     journal.close()
 
 
