@@ -139,6 +139,22 @@ def test_bad_daily_files_are_refused(
     assert "\n" not in str(caught.value)
 
 
+def test_winds_may_begin_in_another_year_than_the_days(tmp_path: Path) -> None:
+    december, january = "12 31 0 500 1500 50 90 60 20 1200\n", "1 1 0 500 1500 50 90 60 20 1200\n"
+    old, late = "12 30 0 5 270 0\n", "1 1 1230 10 180 50\n"
+    begin = datetime.fromisoformat("2002-01-01T06:00")
+    for days, winds in (
+        (december + january, "1 1 0 5 270 0\n" + late),
+        (january, old + late),
+        (december + january, old + late),
+    ):
+        path = written(tmp_path, days, "a.wtr")
+        written(tmp_path, winds, "a.wnd")
+        stream = read_weather(path, start=begin, moisture=MOISTURE)
+        at_h = (0.0, 7.0)
+        assert [stream.weather_at(h * 3600.0).wind_from_deg for h in at_h] == [270.0, 180.0]
+
+
 def test_rain_wets_the_fuel_only_in_its_hours(tmp_path: Path) -> None:
     path = written(tmp_path, WTR, "a.wtr")
     written(tmp_path, WND, "a.wnd")

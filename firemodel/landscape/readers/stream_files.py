@@ -109,19 +109,19 @@ def daily_records(
     if unit != wind_unit:
         raise FireModelError(f"{wtr[0]} is {unit}, {wnd[0]} is {wind_unit}; use the same units")
     extremes, rains = _weather(wtr[0], days, year, RAIN_IN[unit])
-    winds = winds_in(wnd[0], wind_rows, year)
     begin = extremes[0].at.replace(hour=0, minute=0)
     end = extremes[-1].at.replace(hour=0, minute=0) + 24 * HOUR
+    winds = _winds_between(begin, end, wnd[0], wind_rows)
+    if not winds:
+        raise FireModelError(
+            f"{wnd[0]}: contains no wind on the days of {wtr[0]}; use files of the same period"
+        )
     before, after = extremes[:2], extremes[-2:]  # the first and the last day are repeated
     extremes = [
         *(each._replace(at=each.at - 24 * HOUR) for each in before),
         *extremes,
         *(each._replace(at=each.at + 24 * HOUR) for each in after),
     ]
-    if winds[0][0] > end or winds[-1][0] < begin:
-        raise FireModelError(
-            f"{wnd[0]}: contains no wind on the days of {wtr[0]}; use files of the same period"
-        )
     found = []
     times = _times(winds, rains, begin, end)
     for at, until in pairwise([*times, times[-1]]):
@@ -132,6 +132,15 @@ def daily_records(
         texts = (f"{temperature:.2f}", f"{humidity:.2f}", f"{wet:.6f}", *wind)
         found.append((line, [at.isoformat(), *texts]))
     return unit, found
+
+
+def _winds_between(begin: datetime, end: datetime, path: Path, rows: NumberedRows) -> list[Wind]:
+    """Return the winds of a .wnd file in the year in which they overlap a period; [] if in none."""
+    for year in (begin.year, begin.year + 1, begin.year - 1):  # a period may begin in December
+        winds = winds_in(path, rows, year)
+        if winds[0].at <= end and winds[-1].at >= begin:
+            return winds
+    return []
 
 
 def _times(winds: list[Wind], rains: list[Rain], begin: datetime, end: datetime) -> list[datetime]:
