@@ -8,6 +8,7 @@ import { errorText, post, Refused } from "./api.ts";
 import { byId, fill, h, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
 import { t } from "./messages.ts";
+import { whenReleased } from "./presses.ts";
 import { beep, canSound, readySound } from "./sound.ts";
 import type { Store } from "./store.ts";
 import type { Alarm } from "./types.ts";
@@ -76,7 +77,7 @@ export class Alarms {
       for (const alarm of open) this.sounded.set(keyOf(alarm), alarm.severity);
       if (this.mayBeep(fresh.severity === "severe")) beep(fresh.severity);
     }
-    this.paint(open, current);
+    whenReleased(byId("alarms"), () => this.paint(open, current));
   }
 
   private paint(open: Alarm[], current: Alarm[]): void {

@@ -5,6 +5,7 @@ import { post } from "../api.ts";
 import { fill, h, setReason, setText } from "../dom.ts";
 import { t, word } from "../messages.ts";
 import { chosenUnits } from "../preferences.ts";
+import { whenReleased } from "../presses.ts";
 import type { Store } from "../store.ts";
 import type { Burn, IgnitionPlan, ListItem } from "../types.ts";
 import { clock, compass, duration, heightAgl, length, speed } from "../units.ts";
@@ -86,8 +87,10 @@ export class BurnPanel {
     setReason(this.watch, lacking(this.store, "approve"));
     if (key === this.shown) return;
     this.shown = key;
-    this.showList(burn);
-    fill(this.plan, ...this.planParts(burn));
+    whenReleased(this.element, () => {
+      this.showList(burn);
+      fill(this.plan, ...this.planParts(burn));
+    });
   }
 
   private stations(burn: Burn): void {

@@ -5,6 +5,7 @@ import { post } from "../api.ts";
 import { fill, h, setReason } from "../dom.ts";
 import { t, word } from "../messages.ts";
 import { chosenUnits } from "../preferences.ts";
+import { whenReleased } from "../presses.ts";
 import type { Store } from "../store.ts";
 import type { Mission, Preview } from "../types.ts";
 import { distance, heightAgl, heightMsl, length } from "../units.ts";
@@ -52,7 +53,9 @@ export class MissionPart {
     if (key === this.shown && !force) return;
     this.shown = key;
     if (proposed && this.preview?.mission_hash !== proposed.mission_hash) void this.figuresOf(proposed);
-    fill(this.body, proposed && this.question(proposed), this.preview && previewed(this.preview));
+    whenReleased(this.body, () => {
+      fill(this.body, proposed && this.question(proposed), this.preview && previewed(this.preview));
+    });
   }
 
   /** Show the figures of the proposed mission, if it is still the mission that would be sent. */
