@@ -205,7 +205,7 @@ class MavsdkClient:
     def _stopped(self, task: asyncio.Task[None]) -> None:
         failure = None if task.cancelled() else task.exception()
         if isinstance(failure, Exception):
-            self._connection.failed(failure)
+            self._connection.raise_in_wait(failure)
 
     def _send_own(self, messages: Iterable[Message]) -> None:
         """Queue messages that MAVSDK does not send."""

@@ -13,6 +13,7 @@ from typing import Protocol, Self, runtime_checkable
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link_address import parse_link
 from autopilot_bridge.links.signing import Counts, Key, Signing, is_secret, is_signed, setup_signing
+from autopilot_bridge.links.sockets import reason_of
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.links.transport import Batch
 from autopilot_bridge.links.transports import transport_of
@@ -69,6 +70,8 @@ class Port:
         self.link_id = link_id
         self.counts = Counts()  # of this link; ``signing`` has the counts of all links
         self.receives_signed = False  # True if the last frame was signed but not verified
+        self.lost_datagrams = 0  # through errors other than an unreachable remote or network
+        self.last_error = ""
         self.transport = transport_of(parse_link(address), self)
         self._connection = connection
 
@@ -76,9 +79,14 @@ class Port:
         """Pass the frames of each remote to the connection."""
         self._connection.frames_received(batch, self)
 
+    def datagram_lost(self, error: OSError) -> None:
+        """Count a lost datagram."""
+        self.lost_datagrams += 1
+        self.last_error = reason_of(error)
+
     def failed(self, error: Exception) -> None:
         """Store an error of the transport; ``Connection.wait`` raises this error."""
-        self._connection.failed(error)
+        self._connection.raise_in_wait(error)
 
 
 class Connection:
@@ -275,7 +283,7 @@ class Connection:
             else:
                 self._peer.receive_data(b"".join(frames), self._clock())
 
-    def failed(self, error: Exception) -> None:
-        """Store an error of a transport; ``wait`` raises this error."""
+    def raise_in_wait(self, error: Exception) -> None:
+        """Store an error, which ``wait`` raises."""
         self._failure = error
         self._activity.set()

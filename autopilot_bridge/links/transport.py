@@ -11,6 +11,9 @@ class Listener(Protocol):
     def frames_received(self, batch: Batch) -> None:
         """Process received frames."""
 
+    def datagram_lost(self, error: OSError) -> None:
+        """Record an error with which a datagram was lost; the transport continues."""
+
     def failed(self, error: Exception) -> None:
         """Report an error after which the transport cannot continue."""
 

@@ -1,13 +1,15 @@
 """Sends and receives the frames of a UDP link."""
 
 import asyncio
+import contextlib
 import errno
 import socket
 from dataclasses import dataclass, field
 
+from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.framing import Framer, source_of, target_system_of
 from autopilot_bridge.links.link_address import LinkAddress
-from autopilot_bridge.links.sockets import bind, look_up, socket_of
+from autopilot_bridge.links.sockets import bind, look_up, reason_of, socket_of
 from autopilot_bridge.links.transport import Listener
 
 MAX_REMOTES = 1024
@@ -15,7 +17,7 @@ MAX_AT_ONCE = 256  # datagrams read before other tasks run
 MAX_DATAGRAM_BYTES = 65536
 QUICK_S = 0.002
 ANSWER_FOR_S = 10.0
-SILENCE = {
+SILENCE = {  # errors that ICMP messages report, and errors of a network that is down
     *(errno.ECONNREFUSED, errno.ECONNRESET, errno.EHOSTUNREACH, errno.ENETUNREACH),
     *(errno.ENETDOWN, errno.EHOSTDOWN, errno.ENOBUFS),
 }
@@ -55,6 +57,7 @@ class Udp(asyncio.DatagramProtocol):
         address = self._address
         if address.kind == "udpout":
             self._target = await look_up(address)
+            _check_allowed(address, self._target)
             self.called = f"{self._target[0]}:{self._target[1]}"
         sock = socket_of(socket.SOCK_DGRAM)
         bind(sock, address, ("", 0) if self._target else (address.host, address.port))
@@ -126,7 +129,12 @@ class Udp(asyncio.DatagramProtocol):
         return None
 
     def _frames(self, data: bytes, addr: Where) -> tuple[str, list[bytes]]:
-        """Return the remote of a datagram and the frames that the datagram completes."""
+        """Return the remote of a datagram and the frames that the datagram completes.
+
+        A datagram from port 0 is dropped, because nothing can be sent to this port.
+        """
+        if not addr[1]:
+            return "", []
         remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
         self._remotes[addr] = remote
         if len(self._remotes) > MAX_REMOTES:
@@ -140,10 +148,26 @@ class Udp(asyncio.DatagramProtocol):
         return remote.name, frames
 
     def error_received(self, exc: Exception) -> None:
-        """Ignore ICMP errors: the address has no listener, or the network is unreachable."""
-        if not isinstance(exc, OSError) or exc.errno not in SILENCE:
+        """Treat an error as a lost datagram; ignore ICMP errors, such as a port without listener.
+
+        The error may concern one remote, so the socket continues for all others.
+        """
+        if not isinstance(exc, OSError):
             self._listener.failed(exc)
+        elif exc.errno not in SILENCE:
+            self._listener.datagram_lost(exc)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Record that the socket is closed."""
         self._closed.set()
+
+
+def _check_allowed(address: LinkAddress, target: Where) -> None:
+    """Raise BridgeError if the system permits no datagrams to an address, such as a broadcast."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock, contextlib.suppress(OSError):
+        try:
+            sock.connect(target)  # sends nothing
+        except PermissionError as error:
+            raise BridgeError(
+                f"link {address}: cannot send to this address ({reason_of(error)})"
+            ) from None

@@ -458,7 +458,7 @@ def replay(interrupted: InterruptedRun, service: Engine) -> None:
 
 
 def _check_links(context: RunContext, link_monitor: LinkMonitor, now_us: int) -> None:
-    """Announce silent links and refused frames, and raise or clear their alarms."""
+    """Announce silent links, refused frames and lost datagrams, and raise or clear their alarms."""
     for name, line in link_monitor.silent_vehicles(now_us):
         context.service.announce(name, line)
         context.state_view.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
@@ -469,7 +469,7 @@ def _check_links(context: RunContext, link_monitor: LinkMonitor, now_us: int) ->
         else:
             context.state_view.clear_alarm(f"{kind}/{name}")
     for name, link in context.links.items():
-        for line in link.signing_reports():
+        for line in link.new_reports():
             context.service.announce(name, line)
     context.clock.wall_passed(now_us)
     context.service.advance_fire(context.clock.now_us)

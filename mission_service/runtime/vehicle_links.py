@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -68,19 +68,22 @@ class Link:
     refusals: tuple[SigningRefusals, ...]  # of each port
     unexpected: Mapping[int, Stack]  # autopilots received but not in the scenario, by system id
     known_ids: frozenset[int]  # the system ids of all vehicles in the scenario
+    _reported: set[str] = field(default_factory=set)  # links whose lost datagrams were reported
 
     @property
     def connected(self) -> bool:
         """Whether the autopilot has been connected since the service began."""
         return self.gateway.client.stack is not None
 
-    def signing_reports(self) -> list[str]:
-        """Return the new reports on the signing of frames, one line each."""
-        return [
-            line
-            for port, refusals in zip(self.ports, self.refusals, strict=True)
-            for line in refusals.new_reports(port.counts, port.receives_signed)
-        ]
+    def new_reports(self) -> list[str]:
+        """Return the new reports on refused frames and on lost datagrams, one line each."""
+        lines = []
+        for port, refusals in zip(self.ports, self.refusals, strict=True):
+            lines += refusals.new_reports(port.counts, port.receives_signed)
+            if port.lost_datagrams and port.address not in self._reported:
+                self._reported.add(port.address)
+                lines.append(f"datagrams are lost on {port.address}: {port.last_error}")
+        return lines
 
 
 def max_speed_m_s(section: VehicleSection, scenario: Scenario) -> float:

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import errno
 import os
 import socket
 import sys
@@ -128,26 +127,6 @@ def test_udpout_survives_a_port_that_is_not_yet_open() -> None:
                 await receive_exactly(connection, peer, "here")
 
     run(exchange)
-
-
-def test_an_unreachable_network_is_silence_but_a_forbidden_address_is_reported() -> None:
-    async def exchange() -> None:
-        peer = Peer()
-        async with Connection(f"udpout:127.0.0.1:{free_port()}", peer, clock_us) as connection:
-            await connection.wait()
-            wire = connection.ports[0].transport
-            for code in (errno.ENETUNREACH, errno.ECONNREFUSED, errno.EHOSTUNREACH):
-                wire.error_received(OSError(code, os.strerror(code)))  # type: ignore[attr-defined]
-            with pytest.raises(TimeoutError):
-                await asyncio.wait_for(connection.wait(), 0.05)
-        # Broadcast without permission is an error of the link address, not a lost connection.
-        async with Connection("udpout:255.255.255.255:14550", peer, clock_us) as connection:
-            peer.outgoing = [text("to all")]
-            connection.flush()
-            await connection.wait()
-
-    with pytest.raises(PermissionError):
-        run(exchange)
 
 
 def test_a_burst_waits_in_the_socket_while_the_program_is_busy() -> None:

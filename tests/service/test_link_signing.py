@@ -1,15 +1,19 @@
 """Signed links for users: sources of keys, shared keys, refusals, and no key in any file."""
 
 import contextlib
+import errno
 import json
 import signal
 import stat
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.items import Plan
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key_of
 from autopilot_bridge.missions.plan_file import write_plan
@@ -20,8 +24,10 @@ from mission_service.errors import ScenarioError
 from mission_service.fire.scenario_check import check
 from mission_service.runtime.clocks import wall_us
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings, timestamps_file
+from mission_service.runtime.vehicle_links import Link
 from tests.bridge.helpers import line_of
 from tests.bridge.test_tlog import autopilot_on
+from tests.bridge.transport_helpers import clock_us
 from tests.patience import PATIENCE_S, wait_until
 from tests.service.test_cli import call
 from tests.service.test_live import free_port, process
@@ -170,6 +176,22 @@ def test_a_vehicle_whose_clock_is_ahead_is_reported() -> None:
     assert SigningRefusals("udpin:h:1", 1, ours).new_reports(ours.counts, False) == []
     (line,) = SigningRefusals("udpin:h:1", 3, ours).new_reports(ours.counts, False)
     assert "90 s ahead" in line
+
+
+def test_lost_datagrams_are_reported_once_for_each_vehicle() -> None:
+    connection = Connection("udpin:127.0.0.1:14999", SharedLink("a link"), clock_us)
+    unused: Any = None
+    hawk, kite = (
+        Link(unused, unused, connection, connection.ports, (refusals,), {}, frozenset())
+        for refusals in (SigningRefusals("udpin:h:1", number, None) for number in (1, 2))
+    )
+    assert hawk.new_reports() == []
+    reports = []
+    for _ in range(3):
+        connection.ports[0].datagram_lost(PermissionError(errno.EPERM, "unused"))
+        reports += hawk.new_reports()
+    assert reports == ["datagrams are lost on udpin:127.0.0.1:14999: Operation not permitted"]
+    assert kite.new_reports() == reports
 
 
 # Two processes --------------------------------------------------------------------------------
