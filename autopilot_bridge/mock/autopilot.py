@@ -317,8 +317,14 @@ class MockAutopilot:
             self._send(text(2, "WPM: WP CURR CMD: Not in list\t"))
 
     def _make_current(self, seq: int) -> None:
+        """Set the current item, which ends a return of PX4.
+
+        PX4 1.17 then flies the mission, but still reports its return; the mock reports the mission.
+        """
         requested = max(seq, 1 if self.stack.item_0_is_home else 0)
         self.flight.make_current(requested, self._now_s())
+        if self.stack.name == "px4" and self.flight.mode == "rtl":
+            self.flight.set_mode("mission", self._now_s())
         self.telemetry.send_current(self.flight, requested)
         self.telemetry.send_texts(self.flight)
 

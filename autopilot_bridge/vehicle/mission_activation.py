@@ -78,7 +78,8 @@ class MissionActivation(Exchange):
         self._plan_id = plan_id
         self._before = before
         same_list = plan_id is not None and before.plan_id == plan_id
-        self._needs_command = plan_id is None or (same_list and before.seq != seq)
+        # Whether the vehicle flies the mission only after a command.
+        self.needs_command = plan_id is None or (same_list and before.seq != seq)
         # If the start is not at item 0, PX4 does not report again that a list is fit (source: 1.17
         # ``update_mission_state``).
         self._checks_state = plan_id is not None and not (before.unfit and seq > 0)
@@ -92,7 +93,7 @@ class MissionActivation(Exchange):
     def start(self, now_us: int) -> list[Message]:
         """Send the command, or wait for MISSION_CURRENT."""
         self._started_us = now_us
-        return self._send_request(now_us) if self._needs_command else self._wait(now_us)
+        return self._send_request(now_us) if self.needs_command else self._wait(now_us)
 
     def _send_request(self, now_us: int) -> list[Message]:
         self._requested_us, self._last_seq = now_us, None
@@ -113,7 +114,7 @@ class MissionActivation(Exchange):
         match message.get_type():
             case "STATUSTEXT" if message.severity <= mavlink.MAV_SEVERITY_WARNING:
                 self._warning_text = f": {message.text.strip()}"
-            case "COMMAND_ACK" if self._needs_command and self._plan_id is None:
+            case "COMMAND_ACK" if self.needs_command and self._plan_id is None:
                 self._acknowledged(message)
             case "MISSION_CURRENT" if self._shows_list(message):
                 self._check(message, now_us)
@@ -151,7 +152,7 @@ class MissionActivation(Exchange):
             self._unfit(now_us)
             return
         self._unfit_since_us = None
-        if not self._needs_command:
+        if not self.needs_command:
             if now_us - self._started_us >= SETTLED_US:
                 self.result = TransferResult("accepted", f"item {message.seq} is current")
             return
@@ -184,7 +185,7 @@ class MissionActivation(Exchange):
 
     def stop_commands(self, why: str) -> None:
         """End a start that needs a command, because the autopilot or a pilot changed the mode."""
-        if self._needs_command and self.result is None:
+        if self.needs_command and self.result is None:
             self.result = TransferResult("failed", why)
 
     def handle_timer(self, now_us: int) -> list[Message]:
@@ -196,6 +197,6 @@ class MissionActivation(Exchange):
             missing = "no MISSION_CURRENT" if self._last_seq is None else "no message"
             self.result = TransferResult("failed", f"{missing} confirmed the start")
             return []
-        if self._needs_command and self._last_seq is not None:
+        if self.needs_command and self._last_seq is not None:
             return self._send_request(now_us)
         return self._wait(now_us)

@@ -105,6 +105,7 @@ class TransferQueue:
         uploads = [job for job in jobs if (job.action, job.kind) == ("upload", "mission")]
         messages = []
         for job in uploads:
+            job.override = why
             if isinstance(job.exchange, MissionActivation):
                 job.exchange.stop_commands(why)
             elif isinstance(job.exchange, MissionUpload) or job.exchange is None:
@@ -361,14 +362,14 @@ class TransferQueue:
         """Return the phase that starts the mission on board, or the result if it cannot start."""
         if job.kind != "mission" or not job.items or job.reread:
             return accepted(job)
-        if job.override and state.armed and not state.stack.atomic_upload:
-            return self._not_started(job, TransferResult("failed", job.override))
         plan_id, seq = mission_id_of(job.wire_items, state.stack), self._seq(job)
         later = range(seq, len(job.wire_items))
         shown = next((at for at in later if job.wire_items[at].command <= LAST_NAV), seq)
         before = job.before._replace(seq=state.current)
         address, count = self._address(job, state), len(job.wire_items)
         start = MissionActivation(address, seq, shown, count, plan_id, before, self._timing)
+        if job.override and state.armed and start.needs_command:
+            return self._not_started(job, TransferResult("failed", job.override))
         return Phase.STARTING, start
 
     def _after_start(self, job: Job, result: TransferResult, state: VehicleState) -> Following:

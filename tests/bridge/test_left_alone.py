@@ -12,6 +12,7 @@ from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import CommandFinished, Rebooted, TransferFinished
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes
+from autopilot_bridge.vehicle.transfer_states import Phase
 from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 
 PX4, ARDUPLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
@@ -93,6 +94,45 @@ def test_an_upload_to_px4_ends_when_the_autopilot_returns() -> None:
     assert (ended.result.outcome, ended.result.holds) == ("cancelled", "the old one")
     assert "in the meantime" in ended.result.reason
     assert pair.mock.missions.items == old
+
+
+@pytest.mark.parametrize("by_order", [True, False], ids=["ordered", "failsafe"])
+@pytest.mark.parametrize(
+    "phase", [Phase.QUEUED, Phase.SENDING_ITEMS, Phase.READING_ITEMS, Phase.STARTING]
+)
+def test_px4_receives_nothing_of_a_mission_once_it_returns(phase: Phase, by_order: bool) -> None:
+    # PX4 1.17 leaves its return for a mission that arrives, and for a change of the current item.
+    for later in range(10):
+        pair = flying(PX4)
+        assert pair.mock.flight.current > 0  # so the mission on board must be started by a command
+        pair.up, pair.down = Noting(delay_us=60_000), MemoryLink(delay_us=60_000)
+        pair.client.download(pair.now_us)
+        mission = (takeoff(*HOME[:2], 340.0), *line_of(30))
+        number = pair.client.upload(mission, pair.now_us, check=True)
+        while phase_of(pair, number) != phase:
+            pair.run_for(0.01)
+        if by_order:
+            pair.run_for(0.01 * later)
+            pair.client.command("return", pair.now_us)
+        else:
+            pair.run_for(0.1 * later)
+            pair.mock.flight.set_mode("rtl", pair.now_us / 1e6)
+            while pair.client.custom_mode != PX4.rtl_mode and pair.mock.flight.mode == "rtl":
+                pair.run_for(0.01)
+            if pair.mock.flight.mode != "rtl":
+                continue  # the mission was started before the return was reported
+        sent_before = len(pair.up.sent)
+        pair.run_for(20.0)
+        names = [message.get_type() for message in pair.up.sent[sent_before:]]
+        assert not {"MISSION_SET_CURRENT", "MISSION_COUNT", "MISSION_ITEM_INT"} & {*names}, later
+        assert pair.result_of(number, within_s=1.0).outcome in ("cancelled", "failed", "accepted")
+        assert not by_order or pair.mock.flight.mode == "rtl", later
+
+
+def phase_of(pair: Pair, transfer_id: int) -> Phase | None:
+    queue = pair.client._jobs
+    jobs = [*queue._queue, *([] if queue._job is None else [queue._job])]
+    return next((job.phase for job in jobs if job.transfer_id == transfer_id), None)
 
 
 @pytest.mark.parametrize("seed", range(8))
