@@ -21,7 +21,7 @@ from autopilot_bridge.clients.mavsdk_transfers import Job, MavsdkTransfers
 from autopilot_bridge.clients.shared_link import HEARTBEAT_TIMEOUT_US, is_of_autopilot
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items
-from autopilot_bridge.links.asyncio_connection import Connection, Port
+from autopilot_bridge.links.asyncio_connection import Connection, Port, RemotesPeer
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.framing import frames_of, source_of
 from autopilot_bridge.links.signing import Signing
@@ -52,7 +52,7 @@ NOT_FOUND = "MAVSDK has not detected the vehicle"
 NOT_SUPPORTED = 'MAVSDK supports only missions; use backend = "native"'
 
 
-class MavsdkClient:
+class MavsdkClient(RemotesPeer):
     """A ``VehicleClient`` and its link, while the context (``async with``) is open.
 
     Args:
@@ -78,7 +78,7 @@ class MavsdkClient:
         link_id: int = 0,
         max_speed_m_s: float | None = None,
     ) -> None:
-        self.called = ""  # the remote to which the link connects
+        self.called = {}
         self._signed = signing is not None
         self._source: RemoteBinding | None = None
         self._connection = Connection(
@@ -217,16 +217,21 @@ class MavsdkClient:
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Process frames from a link that has one remote."""
-        self.receive_frames("", frames_of(data), now_us)
+        self.receive_frames("", frames_of(data), now_us, 0)
 
-    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+    def receive_copies(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
+        """Ignore copies, because this client has only one link."""
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int, link: int) -> None:
         """Pass frames from the vehicle's remote to MAVSDK and to the client's own monitor.
 
         MAVSDK receives frames only after a HEARTBEAT has identified the remote. Frames with a value
         out of bounds are not passed on.
         """
         if self._source is None:
-            self._source = RemoteBinding(HEARTBEAT_TIMEOUT_US, self.called, self._signed)
+            self._source = RemoteBinding(
+                HEARTBEAT_TIMEOUT_US, self.called.get(link, ""), self._signed
+            )
         source = self._source
         for frame in frames:
             messages = self._codec.decode_frames([frame])
@@ -283,11 +288,11 @@ class MavsdkClient:
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
-    def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Return the frames to send, each with the vehicle's remote; "" means all remotes."""
+    def addressed_to_send(self) -> list[tuple[int, str, bytes]]:
+        """Return the frames to send, each with link 0 and the vehicle's remote; "" means all."""
         source = self._source
         remote = "" if source is None or source.remote is None else source.remote
-        return [(remote, frame) for frame in self.data_to_send()]
+        return [(0, remote, frame) for frame in self.data_to_send()]
 
     def next_timer(self) -> int | None:
         """Return the time of the next ``handle_timer`` call."""

@@ -1,17 +1,21 @@
 """Behaviour of the MAVSDK client only: its verdicts, and unsupported requests."""
 
+import asyncio
 from dataclasses import replace
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.mavsdk import MavsdkClient
 from autopilot_bridge.clients.mavsdk_library import upload_result
 from autopilot_bridge.items import MissionItem
+from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as events
 from tests.bridge.mock_process import free_port, mock_process, short_mission
 from tests.bridge.test_client_contract import clock_us, read_back, run, station
+from tests.bridge.transport_helpers import udp_socket
 
 UPLOADS_TRIED = 5
 PROGRESS = events.MissionProgress
@@ -77,3 +81,44 @@ def test_orbits_and_speeds_are_refused_in_words() -> None:
         assert isinstance(finished, events.CommandFinished)
         assert (finished.name, finished.accepted) == (command, False)
         assert 'use backend = "native"' in finished.reason
+
+
+async def receives_frames_of_an_impostor() -> None:
+    port = free_port()
+    where = ("127.0.0.1", port)
+    async with station("mavsdk", port) as client:
+        with udp_socket() as vehicle, udp_socket() as impostor:
+            impostor.setblocking(False)
+            vehicle.sendto(autopilot_heartbeat(armed=True), where)
+            await client.next(events.Connected)
+            impostor.sendto(autopilot_heartbeat(armed=False), where)
+            impostor.sendto(autopilot_position(), where)
+            vehicle.sendto(autopilot_heartbeat(armed=True), where)
+            alarm = await client.next(events.SameSystemId)
+            addresses = ["{}:{}".format(*sock.getsockname()) for sock in (vehicle, impostor)]
+            assert [alarm.kept, alarm.left_out] == addresses
+            client.vehicle.read_parameter("NAV_DLL_ACT", clock_us())
+            client.link.flush()
+            assert await asyncio.to_thread(vehicle.recv, 300)
+            with pytest.raises(BlockingIOError):
+                impostor.recv(300)
+    modes = [event.armed for event in client.seen if isinstance(event, events.ModeChanged)]
+    assert False not in modes
+    assert not any(isinstance(event, events.Position) for event in client.seen)
+
+
+def test_the_vehicle_is_bound_to_its_remote() -> None:
+    run(receives_frames_of_an_impostor())
+
+
+def autopilot_heartbeat(armed: bool) -> bytes:
+    px4 = mavlink.MAV_AUTOPILOT_PX4
+    mode = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+    return Codec(1, 1).encode(
+        mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_FIXED_WING, px4, 1 | mode, 0, 4, 3)
+    )
+
+
+def autopilot_position() -> bytes:
+    where = (363_000_000, -842_000_000, 400_000, 100_000)
+    return Codec(1, 1).encode(mavlink.MAVLink_global_position_int_message(5000, *where, 0, 0, 0, 0))

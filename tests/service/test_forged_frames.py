@@ -177,8 +177,9 @@ def heartbeat(armed: bool) -> Message:
 
 
 @pytest.mark.long
-def test_what_another_remote_sends_as_the_vehicle_is_not_used(tmp_path: Path) -> None:
-    run = Run(tmp_path)
+@pytest.mark.parametrize("backend", ["native", "mavsdk"])
+def test_what_another_remote_sends_as_the_vehicle_is_not_used(tmp_path: Path, backend: str) -> None:
+    run = Run(tmp_path, "default", f'vehicles.0.backend="{backend}"')
     with process(run.arguments, run.log) as run.daemon, mock(run.port, tmp_path / "mock.log"):
         run.wait_for(run.logged("start mission: accepted"))
         with closing(Forger(run.port)) as forger:
@@ -221,8 +222,9 @@ def test_what_cannot_be_of_the_vehicles_own_remote_is_not_used(tmp_path: Path) -
     assert verify(tmp_path / "journal.jsonl").difference is None
 
 
-def test_a_takeover_of_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None:
-    run = Run(tmp_path)
+@pytest.mark.parametrize("backend", ["native", pytest.param("mavsdk", marks=pytest.mark.long)])
+def test_a_takeover_of_a_silent_vehicle_raises_an_alarm(tmp_path: Path, backend: str) -> None:
+    run = Run(tmp_path, "default", f'vehicles.0.backend="{backend}"')
     with process(run.arguments, run.log) as run.daemon:
         with mock(run.port, tmp_path / "mock1.log"):
             run.wait_for(run.logged("start mission: accepted"))
