@@ -349,6 +349,50 @@ def test_commands_are_done_once_and_answered_with_their_id(broker: Mosquitto) ->
     asyncio.run(look())
 
 
+@needs_mosquitto
+def test_a_name_as_long_as_a_topic_may_be_has_no_effect(broker: Mosquitto) -> None:
+    prefix = f"{ROOT}/cmd/"
+    long = "cmd/" + "x" * (65_535 - len(prefix))  # the topic of a reply would be too long
+
+    async def look() -> None:
+        async with listening(broker.port) as listener:
+            await listener.publish(long, command(), retain=True)  # before the service connects
+            async with publishing(broker.port, commands=True) as stage:
+                await until(lambda: stage.publisher._command_gate.unanswered == 1)
+                await listener.publish(long, command())
+                await until(lambda: stage.publisher._command_gate.unanswered == 2)
+                await listener.publish("cmd/hold", command(id="h1"))
+                await until(lambda: listener.last("cmd/hold/reply") is not None)
+                assert listener.last("cmd/hold/reply")["id"] == "h1"
+                assert "broker" not in stage.context.state_view.alarms
+
+    broker.start()
+    asyncio.run(look())
+
+
+def test_a_reply_that_the_client_refuses_is_dropped() -> None:
+    published: list[str] = []
+
+    async def publish(path: str, *_: Any, **__: Any) -> None:
+        published.append(path)
+        if len(published) == 1:
+            raise ValueError("Publish topic is too long.")
+
+    async def look() -> None:
+        async with publishing(1, commands=True) as stage:  # no broker listens on this port
+            for name in ("hold", "resume"):
+                body = json.dumps(command()).encode()
+                topic = f"{ROOT}/cmd/{name}"
+                stage.publisher._handle(aiomqtt.Message(topic, body, 1, False, 0, None))
+            client: Any = SimpleNamespace(publish=publish)
+            sending = asyncio.create_task(stage.publisher._send_replies(client))
+            await until(lambda: len(published) == 2)
+            assert not sending.done()
+            sending.cancel()
+
+    asyncio.run(look())
+
+
 CONNECTED = bytes([0x20, 3, 0, 0, 0])
 SUBSCRIBED = CONNECTED + bytes([0x90, 4, 0, 1, 0, 1])
 STRANGE = (

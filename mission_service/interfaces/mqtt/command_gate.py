@@ -65,13 +65,15 @@ class CommandGate:
     def accept(
         self, name: str, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
     ) -> Reply | None:
-        """Handle the command ``name`` and return the reply, or None above the rate limit.
+        """Handle the command ``name`` and return the reply, or None.
 
+        There is no reply above the rate limit, nor to a name longer than ``MAX_NAME``: the topic of
+        the reply contains the name and could be longer than MQTT permits.
         ``at_us`` is mission time, ``now_s`` a monotonic clock, ``unix_us`` the wall clock.
         """
         if name == ABORT:
             return self._abort(payload, retained, at_us, now_s, unix_us)
-        if self._rate.consume(MQTT, now_s):
+        if len(name) > MAX_NAME or self._rate.consume(MQTT, now_s):
             self.unanswered += 1
             return None
         try:
@@ -84,7 +86,7 @@ class CommandGate:
             _refuse_old(command, unix_us)
             return self._once(name, command, request, payload, at_us, now_s)
         except _RefusedError as problem:
-            return Reply(_id_in(payload), name, at_us, False, f"{name[:MAX_NAME]}: {problem}")
+            return Reply(_id_in(payload), name, at_us, False, f"{name}: {problem}")
 
     def _once(
         self,

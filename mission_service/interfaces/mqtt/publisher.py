@@ -272,5 +272,6 @@ class Publisher:
             while self._replies:
                 reply = self._replies.popleft()
                 payload = msgspec.json.encode(reply)
-                await self._publish(client, Publication(REPLY, payload, reply.command))
+                with contextlib.suppress(ValueError):  # the client refuses the topic or the payload
+                    await self._publish(client, Publication(REPLY, payload, reply.command))
             self._reply_waits.clear()
