@@ -92,6 +92,10 @@ def test_a_failed_message_is_tried_again_later_and_later() -> None:
         waits_s.append(now_s - begun_s)
     assert waits_s[:3] == [FIRST_RETRY_S, 2 * FIRST_RETRY_S, 4 * FIRST_RETRY_S]
     assert waits_s[-1] == LAST_RETRY_S
+    for _ in range(3000):  # ten days
+        found.failed(now_s)
+    assert found.next_message([alarm()], now_s + LAST_RETRY_S - 1.0) is None
+    now_s += LAST_RETRY_S
     assert sent(found, [alarm()], now_s) == "ALARM: lost"
 
 

@@ -145,6 +145,23 @@ def test_a_silent_server_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
         assert asyncio.run(deliver(message)) == "no answer within 0 s"
 
 
+def test_an_exception_of_apprise_is_an_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
+    def raise_error(*_: Any, **__: Any) -> None:
+        raise RuntimeError("json://user:password@host")
+
+    monkeypatch.setattr("apprise.Apprise.notify", raise_error)
+
+    async def look() -> None:
+        async with notifying(AlarmReceiverSection(name="hook", url="json://host")) as context:
+            view = context.state_view
+            view.alarm("link/hawk", "hawk: link lost", "severe")
+            await until(lambda: "notification/hook" in view.alarms)
+            text = view.alarms["notification/hook"].text
+            assert text == "alarms are not delivered to hook: Apprise failed with RuntimeError"
+
+    asyncio.run(look())
+
+
 @contextmanager
 def endless_server() -> Iterator[int]:
     """Yield the port of a server that never ends its answer."""

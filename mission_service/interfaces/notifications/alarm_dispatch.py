@@ -45,7 +45,7 @@ class AlarmDispatch:
         self._receiver, self._site = receiver, site
         self._active: dict[str, _Active] = {}
         self._changed: dict[str, str] = {}  # lines to send, about alarms that were sent
-        self._failures = 0
+        self._wait_s = 0.0  # after the last failure; 0 after a delivery
         self._not_before_s = 0.0
 
     def next_message(self, alarms: Iterable[Alarm], now_s: float) -> AlarmMessage | None:
@@ -68,7 +68,7 @@ class AlarmDispatch:
 
     def delivered(self, message: AlarmMessage, now_s: float) -> None:
         """Mark the alarms of a message as sent."""
-        self._failures, self._not_before_s = 0, now_s
+        self._wait_s, self._not_before_s = 0.0, now_s
         for key in message.begun:
             if key in self._active:
                 self._active[key].sent_s, self._active[key].is_pending = now_s, False
@@ -77,8 +77,8 @@ class AlarmDispatch:
 
     def failed(self, now_s: float) -> None:
         """Try again later: after 10 s, and after twice as long with each further failure."""
-        wait_s = min(FIRST_RETRY_S * 2.0**self._failures, LAST_RETRY_S)
-        self._failures, self._not_before_s = self._failures + 1, now_s + wait_s
+        wait_s = min(max(2.0 * self._wait_s, FIRST_RETRY_S), LAST_RETRY_S)
+        self._wait_s, self._not_before_s = wait_s, now_s + wait_s
 
     def _is_of_kinds(self, alarm: Alarm) -> bool:
         kinds = self._receiver.kinds

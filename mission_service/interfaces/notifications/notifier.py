@@ -125,6 +125,8 @@ def apprise_delivery(receiver: AlarmReceiverSection) -> Deliver:
                 result = await asyncio.wrap_future(sending)
         except TimeoutError:
             return f"no answer within {ANSWER_S:.0f} s"
+        except Exception as error:  # its text may contain the address with the password
+            return f"Apprise failed with {type(error).__name__}"
         if result:
             return ""
         return next((each.message for each in result.logs()), "the service refused the message")
