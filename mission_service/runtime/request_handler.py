@@ -138,7 +138,7 @@ class RequestHandler:
         """Return the reply to one line of JSON, like ``ask_or_wait``."""
         try:
             request = msgspec.json.decode(line)
-        except (msgspec.DecodeError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:  # ValueError includes UnicodeDecodeError
             return wrong(f"not a line of JSON: {error}")
         return self.ask_or_wait(request)
 

@@ -547,6 +547,31 @@ def test_an_abort_needs_no_end_of_its_line(tmp_path: Path) -> None:
     assert served(tmp_path, client).events == [Aborted(AT_US, "unknown", "unknown")]
 
 
+@pytest.mark.parametrize("error", [msgspec.DecodeError, UnicodeDecodeError])
+def test_bytes_that_are_not_utf_8_end_neither_the_run_nor_an_abort(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[ValueError]
+) -> None:
+    """Until version 0.22, msgspec raises UnicodeDecodeError instead of DecodeError."""
+    decode = msgspec.json.decode
+
+    def decoded(line: bytes) -> Any:
+        try:
+            line.decode()
+        except UnicodeDecodeError as wrong:
+            raise wrong if error is UnicodeDecodeError else error(str(wrong)) from None
+        return decode(line)
+
+    monkeypatch.setattr(msgspec.json, "decode", decoded)
+
+    async def client(daemon: Daemon) -> None:
+        (answer,) = await lines(tmp_path, b'{"do":"undo","by":"J\xfcrgen"}\n')
+        assert "not a line of JSON" in answer["error"]
+        (answer,) = await lines(tmp_path, b'{"do":"abort","by":"J\xfcrgen"}\n')
+        assert answer["ok"]
+
+    assert served(tmp_path, client).events == [Aborted(AT_US, "J\ufffdrgen", "unknown")]
+
+
 def test_an_abort_is_done_before_the_lines_that_wait(tmp_path: Path) -> None:
     undo = b'{"do":"undo","by":"ann","station":"alpha"}\n'
 
