@@ -109,6 +109,16 @@ class SourceAgreement:
             self.distrusted = self._contradicting_most()
         self._seen[source].include(image)
 
+    def burned_since_s(self) -> dict[str, Floats]:
+        """Return since when (y, x) each source has shown each cell as burned, by source.
+
+        The time is infinity for cells that the source did not show as burned last.
+        """
+        return {
+            name: np.where(seen.last.state == BURNED, seen.burned_since_s, np.inf)
+            for name, seen in self._seen.items()
+        }
+
     def _compare(self, image: Observation) -> None:
         """Compare an image with the sightings of other sources."""
         stated = max(image.missed, image.false_alarms)

@@ -377,6 +377,7 @@ class Engine:
         was ordered before the end of the service can arrive: its outcome is unknown.
         """
         self.sensors.skip(self._sensor_files.names())
+        self.sensors.keep_burned(self.estimate.agreement.burned_since_s(), event.at_us)
         self.recording.write_commands(list(missing))
         if skipped is not None:
             self._handle(skipped, now_us)

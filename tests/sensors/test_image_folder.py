@@ -2,8 +2,11 @@
 
 import json
 import os
+from collections import defaultdict
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
+from unittest.mock import MagicMock
 
 import msgspec
 import numpy as np
@@ -15,14 +18,22 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import Fire
 from mission_service.cli.main import main
 from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.core.core import Core
 from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
+from mission_service.fire.observed_window import without_speckles
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.sensors import Sensors
-from mission_service.journal.journal_file import SegmentReader
+from mission_service.journal.journal_file import Journal, SegmentReader
+from mission_service.journal.recovery import resumed, unfinished
+from mission_service.journal.snapshot import Known
+from mission_service.live.daemon import replay
 from mission_service.replay.verification import verify
+from mission_service.runtime.engine import Engine
 from mission_service.runtime.published_states import TelemetryState
+from mission_service.runtime.state_view import StateView
 from mission_service.sensors.sensor_files import SensorFiles
 from mission_service.sensors.thermal import arrived_images, image_folder
 from mission_service.sensors.thermal.camera_geometry import CameraPose
@@ -301,6 +312,65 @@ def test_an_image_of_before_a_restart_is_not_used_again(frames: Path) -> None:
     looked(again)
     assert again.observe(FIX) is None
     assert again.problem == ""
+
+
+def restarted(scenario: Scenario, path: Path) -> Engine:
+    """Continue a run without vehicles from its journal, as the daemon does."""
+    land = landscape_of(scenario)
+    cut_off = unfinished(path, Known(scenario, land), scenario)
+    assert cut_off is not None
+    journal = Journal(path, {}, durable=True, rest=cut_off.rest())
+    estimate, view = RunEstimate(scenario, land), StateView(scenario, land, 0)
+    gateways: Any = defaultdict(MagicMock)
+    service = Engine(scenario, Core(scenario, land), None, estimate, journal, view, gateways)
+    replay(cut_off, service)
+    service.resume(cut_off.missing, resumed(cut_off.last_us, 5.0), 0)
+    return service
+
+
+def burned_cells(image: Observed) -> set[tuple[int, int]]:
+    return {
+        (image.row + row, image.col + col)
+        for row, cells in enumerate(image.cells)
+        for col, letter in enumerate(cells)
+        if letter == "b"
+    }
+
+
+def used_images(path: Path) -> list[Observed]:
+    """Return the images in a journal, after the majority filter of the estimate."""
+    contents = [entry.content for entry in SegmentReader(path)]
+    images = [each for each in contents if isinstance(each, Observed) and each.source]
+    return [without_speckles(each) for each in images]
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_ground_that_burned_before_a_restart_and_has_cooled_stays_burned(
+    frames: Path, tmp_path: Path
+) -> None:
+    scenario, path = scenario_for(frames), tmp_path / "journal.jsonl"
+    fire, pose = camera_above_fire(scenario)
+    world = world_in(tmp_path, scenario)
+    photograph(frames, fire, pose, datetime.now(UTC), 1)
+    looked(folder_sensor(world))
+    world.fly(START_S + 120.0)
+    world.simulation.service.recording.journal.close()
+
+    service = restarted(scenario, path)
+    sensor = service.sensors._sensors["thermal_frames"]
+    assert isinstance(sensor, ImageFolder)
+    cool = np.full((WIDE.height, WIDE.width), 25.0)
+    write_frame(frames / "cool.tif", fire.landscape, pose, cool, datetime.now(UTC), WIDE)
+    looked(sensor)
+    at_us = world.simulation.clock.now_us + 60_000_000
+    service.handle_events([msgspec.structs.replace(FIX, at_us=at_us)], 0)
+    service.recording.journal.close()
+    hot, cooled = used_images(path)
+    assert len(burned_cells(hot)) > 50
+    assert burned_cells(cooled) == burned_cells(hot)
+    service.estimate.advance(at_us + 60_000_000)
+    burned = service.estimate.fire.burned()
+    assert all(burned[cell] for cell in burned_cells(hot))
 
 
 @pytest.mark.usefixtures("without_thread")

@@ -20,7 +20,7 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import fire_of, landscape_of
-from mission_service.fire.sensors import MAX_IMAGES
+from mission_service.fire.sensors import MAX_IMAGES, Sensors
 from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens
 from mission_service.sensors.video import thermal_video
 from mission_service.sensors.video.thermal_video import ThermalVideo
@@ -213,6 +213,28 @@ def wait_for_end(sensor: ThermalVideo) -> None:
     assert sensor._thread is not None
     sensor._thread.join(PATIENCE_S)
     assert not sensor._thread.is_alive()
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_ground_that_burned_before_a_restart_and_has_cooled_stays_burned() -> None:
+    scenario = scenario_for("udpin:127.0.0.1:5600")
+    land = landscape_of(scenario)
+    fire, pose = camera_above_fire(scenario)
+    burned = fire.burned()
+    fire.arrival_time_s[:] = np.inf  # all ground is cool
+    now, at_us = datetime.now(UTC), FIX.at_us - 60_000_000
+    sensors = Sensors({"thermal_video": ThermalVideo(scenario, land)}, land.shape)
+    since_s = np.where(burned, at_us / 1e6 - 600.0, np.inf)
+    sensors.keep_burned({"thermal_video": since_s}, at_us)
+    (sensor,) = sensors._sensors.values()
+    assert isinstance(sensor, ThermalVideo)
+    sensor.use(film(VideoWriter(WIDE.width, WIDE.height), fire, pose, now, 0.0), now)
+    (image,) = sensors.observe(FIX)
+    letters = np.array([list(row) for row in image.cells])
+    seen = burned[image.row :, image.col :][: letters.shape[0], : letters.shape[1]]
+    assert (letters == "b").sum() > 50
+    assert (letters[seen] != "u").all()
+    assert (letters[~seen] != "b").all()
 
 
 def test_a_port_in_use_is_named(port: int) -> None:

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from datetime import datetime
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalCameraSection
 from mission_service.errors import MissionServiceError
@@ -39,6 +40,10 @@ class ArrivedImages:
         self._waiting: deque[tuple[str, str, FrameCells, DrapedImage, float]] = deque()
         self._number = 0  # number of images used so far
         self.images: deque[SensorImage] = deque(maxlen=MAX_IMAGES)
+
+    def keep_burned(self, since_s: Floats) -> None:
+        """Set since when (y, x) images have shown cells as burned, in seconds since 1970."""
+        self._burned.since_s = since_s
 
     def add_image(self, image: ThermalImage, now: datetime, file: str = "") -> None:
         """Add an image; ``file`` is the name of its event (``sensor_files``).

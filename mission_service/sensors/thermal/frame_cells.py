@@ -64,10 +64,13 @@ class FrameCells(NamedTuple):
 
 
 class Burned:
-    """The cells that earlier images of one sensor showed as burned."""
+    """The cells that earlier images of one sensor showed as burned.
+
+    ``since_s`` (y, x) is the time of the first such image, infinity in other cells.
+    """
 
     def __init__(self, shape: tuple[int, int]) -> None:
-        self._since_s: Floats = np.full(shape, np.inf)
+        self.since_s: Floats = np.full(shape, np.inf)
 
     def added(self, found: FrameCells, taken_s: float) -> FrameCells:
         """Return an image's cells, keeping earlier burned cells burned; store new burned cells.
@@ -76,7 +79,7 @@ class Burned:
         """
         window = found.window
         state = states_in(window.cells)
-        here = self._since_s[window_at(window.row, window.col, state.shape)]
+        here = self.since_s[window_at(window.row, window.col, state.shape)]
         kept = np.where((here <= taken_s) & (state == UNBURNED), BURNED, state)
         here[state == BURNED] = np.minimum(here[state == BURNED], taken_s)
         return found._replace(window=window._replace(cells=in_letters(LETTERS[kept])))

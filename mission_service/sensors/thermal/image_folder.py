@@ -10,6 +10,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.events import AnyEvent, Observed, Telemetry
@@ -52,6 +53,10 @@ class ImageFolder(WatchedFolder):
     def _now_s(self, at_us: int) -> float:
         """Return the current time in UTC; ``at_us`` is the current mission time."""
         return time.time() if self._zero_s is None else self._zero_s + at_us / 1e6
+
+    def keep_burned(self, since_s: Floats, at_us: int) -> None:
+        """Set which cells were shown as burned before a restart at ``at_us``."""
+        self._images.keep_burned(since_s + (self._now_s(at_us) - at_us / 1e6))
 
     def process_file(self, path: Path, now: datetime) -> None:
         """Read an image, and find its cells. Raises MissionServiceError or FireModelError."""

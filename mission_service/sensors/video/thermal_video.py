@@ -12,6 +12,7 @@ from pathlib import Path
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link_address import LinkAddress, parse_link
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalVideoSection
@@ -49,6 +50,10 @@ class ThermalVideo(ThreadedSensor):
 
     def on_event(self, event: AnyEvent) -> None:
         """Ignore the events of the run."""
+
+    def keep_burned(self, since_s: Floats, at_us: int) -> None:
+        """Set which cells were shown as burned before a restart at ``at_us``."""
+        self._images.keep_burned(since_s + (time.time() - at_us / 1e6))
 
     def _run(self) -> None:
         try:
