@@ -142,7 +142,8 @@ class Engine:
         # Corrected windows that a vehicle's planner has not received yet, oldest first.
         self._undelivered: dict[str, tuple[Window, ...]] = {}
         self._estimate_due_us = 0  # mission time of the next check of the estimate
-        self._down_since_us = 0
+        self._down_since_us = 0  # mission time of the last event that was journalled
+        self._skipped: LinesSkipped | None = None  # not journalled yet
         self._host_time_due_us = self._sensors_due_us = -(2**63)
         self._gateways = gateways
         self._broadcast = broadcast
@@ -373,26 +374,32 @@ class Engine:
         """Continue a run after its journal's events were applied, and handle ``event``.
 
         ``missing`` contains the last commands, which the journal lacks and which are now written.
-        ``skipped`` records the lines of the journal that were not applied. No reply to a drop that
-        was ordered before the end of the service can arrive: its outcome is unknown.
+        ``skipped`` records the lines of the journal that were not applied. If the journal cannot be
+        written, ``retry`` writes ``skipped``, and a ``Resumed`` with the whole interruption.
         """
         self.sensors.skip(self._sensor_files.names())
         self.sensors.keep_burned(self.estimate.agreement.burned_since_s(), event.at_us)
+        self._skipped = skipped
+        self._down_since_us = event.at_us - round(event.down_s * 1e6)
         self.recording.write_commands(list(missing))
-        if skipped is not None:
-            self._handle(skipped, now_us)
         self._restart(event, now_us)
-        for drop in () if self._interlock is None else self._interlock.unfinished_drops():
-            named = (drop.vehicle, drop.plan_hash, drop.number)
-            why = "the service was restarted before the reply"
-            self._handle(DropFinished(event.at_us, *named, False, False, why), now_us)
 
     def _restart(self, event: Resumed, now_us: int) -> None:
-        """Handle a restart, and read back each vehicle's mission once the vehicle is connected."""
+        """Handle a restart, and read back each vehicle's mission once the vehicle is connected.
+
+        The reply to a drop that was ordered before the restart cannot arrive, or may have arrived
+        while the journal could not be written. Its outcome is therefore unknown.
+        """
+        if self._skipped is not None and self._handle(self._skipped, now_us):
+            self._skipped = None
         self._handle(event, now_us)
         self._deliver(event.at_us, now_us)
         for name, gateway in self._gateways.items():
             gateway.read_back(partial(self._missions.recognised, name), now_us)
+        for drop in () if self._interlock is None else self._interlock.unfinished_drops():
+            named = (drop.vehicle, drop.plan_hash, drop.number)
+            why = "no reply was recorded before the restart"
+            self._handle(DropFinished(event.at_us, *named, False, False, why), now_us)
 
     def retry(self, at_us: int, now_us: int) -> bool:
         """Try to write the journal again, and return whether it can be written."""
@@ -468,9 +475,10 @@ class Engine:
     def _written(self, event: AnyEvent, body: bytes | None = None) -> bool:
         if self.defect is not None:
             raise self.defect
+        may_handle = self.recording.write_event(event, body)
         if not self.recording.trouble:
             self._down_since_us = event.at_us
-        return self.recording.write_event(event, body)
+        return may_handle
 
     def _process(self, event: AnyEvent, now_us: int) -> None:
         """Apply a journalled event, then journal and execute the commands."""
@@ -484,6 +492,8 @@ class Engine:
             self.recording.remove_last()
             self.defect = _defect(event, error, self._scenario.planner.rule)
             raise self.defect from error
+        if not may_act and self._interlock is not None:  # ``retry`` journals these commands
+            self._interlock.on_commands(commands)
         for command in commands if may_act else ():
             if isinstance(command, BroadcastMessage):
                 self._broadcast(command.message)

@@ -15,6 +15,7 @@ from mission_service.errors import NotRecordedError
 from mission_service.events import (
     Aborted,
     Corrected,
+    LinesSkipped,
     MissionReadBack,
     ModeChanged,
     OperatorHeartbeat,
@@ -243,3 +244,23 @@ def test_an_abort_ends_no_mode_that_was_selected_on_a_full_disk(command: Any, ke
     unrecorded.show(ModeChanged(0, "hawk", 2, True, "manual"), view)  # type: ignore[arg-type]
     assert unrecorded.keeps_mode(command, view) == kept  # type: ignore[arg-type]
     assert view.texts == ["stays in mode manual, which was selected meanwhile"] * kept
+
+
+@pytest.mark.parametrize("skipped", [None, ((1, 17, "was altered"),)])
+def test_a_restart_on_a_full_disk_is_recorded_when_the_disk_has_room(
+    tmp_path: Path, skipped: tuple[tuple[int, int, str], ...] | None
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    simulation = flight(path, 12.0)
+    service, now_us = simulation.service, simulation.clock.now_us
+    skips = None if skipped is None else LinesSkipped(now_us, "service", "", skipped)
+    with no_room(path, 20):
+        restart = Resumed(now_us + 3_600_000_000, "service", "", 3600.0)
+        service.resume([], restart, simulation.link_us, skips)
+        assert service.recording.trouble == "disk full"
+        assert not service.retry(now_us + 3_605_000_000, simulation.link_us)
+    assert service.retry(now_us + 3_610_000_000, simulation.link_us)
+    service.recording.journal.close()
+    recorded = [each for each in entries(path) if isinstance(each, LinesSkipped | Resumed)]
+    assert recorded[:-1] == ([] if skips is None else [skips])
+    assert recorded[-1].down_s == pytest.approx(3610.0, abs=1.0)
