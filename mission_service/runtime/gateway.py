@@ -80,7 +80,8 @@ BATTERY_EVERY_US = 30_000_000  # between reports of an unchanged charge
 MAX_AIRCRAFT_KEPT = 5000  # reports of other aircraft between two engine calls
 
 StatusChanged = (
-    SystemStateChanged
+    GpsFixChanged
+    | SystemStateChanged
     | LandedStateChanged
     | FenceStatusChanged
     | EstimatorStatusChanged
@@ -224,8 +225,6 @@ class Gateway:
         self._queued: deque[VehicleEvent] = deque()  # events that the gateway itself creates
         self._batteries: dict[int, bridge.Battery] = {}
         self._battery_reported: BatteryUpdated | None = None
-        # The last event of each type that is yielded only after a change.
-        self._last: dict[type, VehicleEvent] = {}
         self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
         self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
         self._air_data = AirData()
@@ -252,7 +251,6 @@ class Gateway:
         """
         self._recognise = recognise
         self._mode_reported = False
-        self._last.clear()
         self._battery_reported = None
         self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
         stack = self.client.stack
@@ -262,11 +260,16 @@ class Gateway:
                 self._mode_reported = True
                 self._queued.append(ModeChanged(at_us, self.name, *self._mode))
             self._queued.append(_connected(at_us, self.name, stack))
-            for status in self._status.values():
-                self._queued.append(msgspec.structs.replace(status, at_us=at_us))
+            self._report_status()
             if self._parameters is not None:
                 self._parameters.report_again(now_us)
             self._reading = self.client.download(now_us)
+
+    def _report_status(self) -> None:
+        """Report the states again that the client reports only on a change."""
+        at_us = self._clock.now_us
+        for status in self._status.values():
+            self._queued.append(msgspec.structs.replace(status, at_us=at_us))
 
     def events(self, now_us: int) -> Iterator[VehicleEvent]:
         """Yield the events since the last call, translated for the core, with mission times."""
@@ -386,6 +389,7 @@ class Gateway:
                 self._lost = False
                 if self._recognise is not None and self._reading is None:
                     self._reading = self.client.download(link_us)
+                    self._report_status()
                 return LinkRestored(now_us, name)
             case _:
                 translation = self._TRANSLATIONS.get(type(event))
@@ -440,7 +444,7 @@ class Gateway:
 
     def _rebooted(self, event: bridge.Rebooted, now_us: int) -> VehicleRebooted:
         self._offset_us = None
-        self._last.clear()  # so that all states are reported again
+        self._status.pop(GpsFixChanged, None)  # so that the fix is reported again
         self._airspeed, self._thrust, self._air_data = MeanAirspeed(), ThrustMonitor(), AirData()
         self._texts.clear()
         return VehicleRebooted(now_us, self.name)
@@ -501,7 +505,13 @@ class Gateway:
         return self._battery_reported
 
     def _gps_fix(self, event: bridge.GpsFix, now_us: int) -> VehicleEvent | None:
-        return self._changed(GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix))
+        """Return the fix, or None if it has not changed: the client also reports satellites."""
+        fix = GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix)
+        before = self._status.get(GpsFixChanged)
+        self._status[GpsFixChanged] = fix
+        if before is not None and msgspec.structs.replace(before, at_us=now_us) == fix:
+            return None
+        return fix
 
     def _held(self, items: tuple[MissionItem, ...] | None) -> Iterator[VehicleEvent]:
         """Yield the mode, if it has not changed since ``read_back``, and the mission read back."""
@@ -546,14 +556,6 @@ class Gateway:
                 status = RemoteIdChanged(now_us, self.name, event.state, printable(event.text))
         self._status[type(status)] = status
         return status
-
-    def _changed(self, event: GpsFixChanged) -> VehicleEvent | None:
-        """Return the event, or None if it repeats the last event of its kind."""
-        before = self._last.get(type(event))
-        self._last[type(event)] = event
-        if before is not None and msgspec.structs.replace(before, at_us=event.at_us) == event:
-            return None
-        return event
 
     # ``_translate`` handles the events that need the link's clock. The core does not use events
     # that are in neither this table nor ``_translate``.

@@ -13,6 +13,7 @@ from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent, DropFinished
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
+from mission_service.guidance.burn.interlock import Interlock
 from mission_service.guidance.burn.sphere_account import Sphere
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
@@ -106,3 +107,31 @@ def test_a_drop_that_was_not_ordered_because_the_disk_became_full_is_closed(
     assert [each.outcome for each in burn.spheres] == ["unknown"]
     assert len(burn.recorded(Drop)) == 1
     assert verify(burn.path).difference is None
+
+
+def test_the_next_line_drops_after_a_full_disk(tmp_path: Path) -> None:
+    """The satellites are constant, so the autopilot's client reports the position fix once."""
+    burn = BurnOnDisk(tmp_path)
+    burn.fly_until(lambda: len(burn.spheres) == 2)
+    with no_room(burn.path, 10):
+        burn.is_full = True
+        burn.fly(20.0)
+    burn.retry()
+    burn.fly_until(lambda: burn.guidance.phase == "flying")
+    burn.fly_until(lambda: burn.guidance.phase != "flying")
+    later = burn.spheres[2:]
+    assert later
+    assert {each.outcome for each in later} == {"done"}
+
+
+def test_a_line_without_any_drop_is_planned_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    burn = BurnOnDisk(tmp_path)
+    monkeypatch.setattr(Interlock, "refuses", lambda lock, drop, at_us: "refused in a test")
+    state = burn.guidance.state
+    area_left = state.area_left
+    burn.fly_until(lambda: burn.guidance.phase == "flying")
+    burn.fly_until(lambda: burn.guidance.phase == "planning")
+    assert {each.outcome for each in burn.spheres} == {"refused"}
+    assert (state.line, state.area_left) == (1, area_left)

@@ -465,13 +465,17 @@ class BurnFlight(Guidance):
     def _line_done(self, vehicle: Vehicle, flown: ApprovedPlan) -> list[AnyCommand]:
         spheres = self.state.account.of_plan(self.approvals.plan_hash)
         max_miss_m = max((sphere.max_miss_m for sphere in spheres), default=0.0)
-        if self._found is not None:
+        planned, is_lit = len(flown.plan.drops), bool(spheres or not flown.plan.drops)
+        if is_lit and self._found is not None:
             self.state.area_left = self._found.area_left
-        self.state.line += 1
+        self.state.line += is_lit
         self._end_plan()
         self.phase = "planning"
+        if not is_lit:
+            words = f"line {flown.plan.line}: 0 of {planned} dropped; the line is planned again"
+            return self._announce(words, warning=True)
         return self._announce(
-            f"line {flown.plan.line} done: {len(spheres)} of {len(flown.plan.drops)} dropped, "
+            f"line {flown.plan.line} done: {len(spheres)} of {planned} dropped, "
             f"at most {max_miss_m:.1f} m off target; {self.state.account.left} spheres left"
         )
 
