@@ -160,6 +160,8 @@ class Journal:
         new, closed = next_path(self.path), segment_path(self.path, number - 1)
         file = _emptied(new)
         try:
+            self._flush()
+            os.fsync(self._file)  # the next segment is useless without the end of this one
             _write(file, line)
             os.fsync(file)
             self.path.rename(closed)
@@ -350,6 +352,7 @@ class SegmentReader:
             raise JournalError(f"{path}: journal format {written}, not {FORMAT}: {remedy}")
         self.segment: int = self.header.get("segment", 1)
         self.rest = self.begin = Rest(len(first), 0, self.segment)
+        self._first = first
 
     def __iter__(self) -> Iterator[Entry]:
         return self.after(self.begin)
@@ -381,7 +384,7 @@ class SegmentReader:
         """Yield the number and body of lines after a position, and whether the checksum matches."""
         self.rest = place
         self.cut_at_line, self.ended = None, False
-        with self.path.open("rb") as file:
+        with self._opened() as file:
             first = 1 + _lines_in(file, place.at_byte)
             for number, raw in enumerate(file, start=first):
                 if not raw.endswith(b"\n"):
@@ -395,6 +398,18 @@ class SegmentReader:
                     self.ended = True
                 else:
                     yield number, body, intact
+
+    def _opened(self) -> BinaryIO:
+        """Open the file, under its new name if the run has closed this segment meanwhile."""
+        for path in (self.path, segment_path(self.path, self.segment)):
+            with contextlib.suppress(FileNotFoundError):
+                file = path.open("rb")
+                if file.readline() == self._first:
+                    file.seek(0)
+                    self.path = path
+                    return file
+                file.close()
+        raise JournalError(f"{self.path}: was replaced or removed while it was read")
 
     def entry(self, number: int, body: bytes, intact: bool) -> Entry:
         """Decode an event or a command. Raises JournalError for any other line."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from mission_service.config.service_section import JournalSection
 from mission_service.journal.journal_file import Rest
+from mission_service.journal.private_files import sync
 from mission_service.journal.segments import (
     begin_state,
     earlier_state,
@@ -75,8 +76,11 @@ class JournalRetention:
     async def begin_segment(self) -> None:
         """Close the journal's segment, begin the next one, and write the state at this point."""
         journal = self._service.recording.journal
-        frozen = Frozen(self._service.snapshot_fields(), self._shared_references)
         try:
+            await asyncio.to_thread(sync, journal.path)  # the event loop then flushes little
+            if self._service.recording.trouble:  # since then
+                return
+            frozen = Frozen(self._service.snapshot_fields(), self._shared_references)
             journal.begin_segment()
         except OSError as error:
             self._alarm_state(error)

@@ -16,6 +16,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.config.service_section import JournalSection
 from mission_service.errors import JournalError, StateError
+from mission_service.events import Telemetry
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import (
     Journal,
@@ -25,6 +26,7 @@ from mission_service.journal.journal_file import (
     next_path,
     segment_path,
 )
+from mission_service.journal.reader import JournalReader
 from mission_service.journal.recovery import rename_old, unfinished
 from mission_service.journal.segments import (
     Chain,
@@ -354,3 +356,53 @@ def test_the_state_of_the_last_segments_beginning_may_be_the_newest(
     assert continued(kept, path)[1] == from_third
     begin_state(path, 3).unlink()
     assert continued(kept, path)[1] > from_third
+
+
+class OfPositions:
+    """A journal that contains one position a second."""
+
+    def __init__(self, folder: Path) -> None:
+        scenario = flying(load_scenario("default"))
+        header = header_of(scenario, "", "")
+        self.journal = Journal(folder / "journal.jsonl", header, durable=True)
+        self.at_s = 0
+
+    def fly(self, seconds: int) -> None:
+        for _ in range(seconds):
+            self.at_s += 1
+            place = (36.36, -84.14, 400.0, 100.0, 0.0, 0.0, 0.0)
+            self.journal.write_event(Telemetry(self.at_s * 1_000_000, "hawk", *place))
+
+
+@pytest.mark.parametrize("segments", [1, 2])
+def test_a_reader_of_a_running_run_reads_each_segment_that_is_closed_meanwhile(
+    tmp_path: Path, segments: int
+) -> None:
+    run = OfPositions(tmp_path)
+    for _ in range(segments - 1):
+        run.fly(5)
+        run.journal.begin_segment()
+    run.fly(5)
+    reader = JournalReader(run.journal.path)
+    run.journal.begin_segment()
+    run.fly(5)
+    run.journal.close()
+    found = [entry.content.at_us for _, entry in reader.intact() if entry.is_event]
+    assert found == [second * 1_000_000 for second in range(1, 5 * segments + 1)]
+
+
+def test_a_segment_is_on_the_disk_before_it_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, synced = OfPositions(tmp_path), list[str]()
+    works = os.fsync
+
+    def recorded(file: int) -> None:
+        synced.append(Path(f"/proc/self/fd/{file}").readlink().name)
+        works(file)
+
+    run.fly(5)
+    monkeypatch.setattr(os, "fsync", recorded)
+    run.journal.begin_segment()
+    run.journal.close()
+    assert synced == ["journal.jsonl", "journal.jsonl.next"]
