@@ -69,14 +69,19 @@ def _within_180_deg(area: Any) -> Any:
 
 
 def fronts_geojson(
-    fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
+    fire: Fire,
+    times_s: Sequence[float],
+    name: str,
+    time_zero: datetime | None = None,
+    prescribed: bool = False,
 ) -> dict[str, Any]:
     """Return GeoJSON (RFC 7946, WGS84) with the burned area at each time as a MultiPolygon.
 
     The names of the properties are those of the US interagency perimeters (WFIGS); calendar times
     are in ms since 1970 UTC. The features have the status of an unapproved perimeter. ``time_zero``
-    is the calendar time of 0 s, if there is one. Raises FireModelError if the times do not increase
-    or the fire has not been advanced to one of them.
+    is the calendar time of 0 s, if there is one; ``prescribed`` is for the fire of a prescribed
+    burn. Raises FireModelError if the times do not increase or the fire has not been advanced to
+    one of them.
     """
     check_increasing(times_s)
     features = []
@@ -85,7 +90,7 @@ def fronts_geojson(
         geometry = area_geometry(area, fire.landscape)
         properties = {
             "IncidentName": name,
-            "FeatureCategory": feature_category(prescribed=False),
+            "FeatureCategory": feature_category(prescribed),
             "MapMethod": MAP_METHOD,
             "FeatureStatus": STATUS,
             "GISAcres": round(geodesic_acres(geometry), 2),
@@ -117,6 +122,7 @@ def write_fronts(
     times_s: Sequence[float],
     name: str,
     time_zero: datetime | None = None,
+    prescribed: bool = False,
 ) -> None:
     """Write the burned area at each time as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
@@ -129,13 +135,14 @@ def write_fronts(
         times_s: Increasing times in seconds; each yields one feature.
         name: The incident's name.
         time_zero: The calendar time of 0 s, if there is one.
+        prescribed: Whether the fire is a prescribed burn.
 
     Raises:
         FireModelError: The times do not increase, the fire has not been advanced to one of them, or
             a file cannot be written.
     """
     path = Path(path)
-    found = fronts_geojson(fire, times_s, name, time_zero)
+    found = fronts_geojson(fire, times_s, name, time_zero, prescribed)
     layer = arrival_layer_of(fire, time_zero)
     write_whole(path, json.dumps(found) + "\n")
     write_whole(path.with_suffix(".qml"), fronts_qml(layer))

@@ -9,11 +9,15 @@ from pathlib import Path
 from firemodel.errors import FireModelError
 
 
+SQLITE = ("-journal", "-wal", "-shm")  # files that SQLite writes beside a GeoPackage
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path, which is renamed to ``path`` if the block ends without an error.
 
-    After an error the new file is removed, and any existing file at ``path`` is unchanged.
+    After an error the new file is removed, and any existing file at ``path`` is unchanged. A
+    temporary file that a killed process left is removed first.
 
     Args:
         path: The file to write. Its folder must exist.
@@ -24,13 +28,19 @@ def whole_file(path: Path) -> Iterator[Path]:
     part = path.parent / f".{path.stem}.part{path.suffix}"
     try:
         check_target(path)
+        _remove(part)
         yield part
         part.replace(path)
     except OSError as error:
         raise write_error(path, error) from None
     finally:
         with suppress(OSError):
-            part.unlink()
+            _remove(part)
+
+
+def _remove(part: Path) -> None:
+    for each in (part, *(part.with_name(part.name + end) for end in SQLITE)):
+        each.unlink(missing_ok=True)
 
 
 def check_target(path: Path) -> None:

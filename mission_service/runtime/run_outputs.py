@@ -145,9 +145,10 @@ def write_outputs(
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     tracks = json.dumps(tracks_geojson(record))
     (out / "tracks.geojson").write_text(tracks + "\n", encoding="utf-8")
-    times_s = front_times_s(fire.time_s)
-    write_fronts(out / "perimeters.geojson", fire, times_s, scenario.name, scenario.time_zero)
-    if scenario.burn_flown is not None:
+    times_s, is_burn = front_times_s(fire.time_s), scenario.burn_flown is not None
+    path, named = out / "perimeters.geojson", (scenario.name, scenario.time_zero)
+    write_fronts(path, fire, times_s, *named, prescribed=is_burn)
+    if is_burn:
         write_drops(out / "drops.csv", record)
     draw_map(out / "map.png", scenario, record, fire)
     return summary

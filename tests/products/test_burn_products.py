@@ -1,6 +1,7 @@
 """The products of a burn: its own estimate, and the drops."""
 
 import csv
+import json
 from datetime import datetime
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from mission_service.config.scenario import load_scenario
 from mission_service.products.incident import Incident
 from mission_service.products.journal_incident import incident_in
 from mission_service.products.write import write_products
+from mission_service.runtime.run_outputs import write_outputs
 from mission_service.simulation.sim import simulate
 
 ZERO = datetime.fromisoformat("2026-08-01T14:00-04:00")
@@ -45,3 +47,10 @@ def test_the_drops_are_in_the_table_and_in_the_layer(burn: tuple[Path, Incident]
     assert len(rows) == len(shapes) == len(drops) > 5
     assert {row["outcome"] for row in rows} == {"done"}
     assert f"Drops:{' ' * 20}{len(drops)}" in (out / "interpreter-log.txt").read_text()
+
+
+def test_the_perimeters_of_a_burn_are_no_wildfire(tmp_path: Path) -> None:
+    scenario = load_scenario("burn", ("duration_s=20",))
+    write_outputs(tmp_path, scenario, *simulate(scenario, tmp_path / "journal.jsonl", "today"))
+    fronts = json.loads((tmp_path / "perimeters.geojson").read_text(encoding="utf-8"))["features"]
+    assert {front["properties"]["FeatureCategory"] for front in fronts} == {"Prescribed Fire"}

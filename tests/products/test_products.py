@@ -175,6 +175,22 @@ def test_an_error_of_gdal_names_the_file(tmp_path: Path, monkeypatch: pytest.Mon
         write_geopackage(tmp_path / "incident.gpkg", {"points": layer}, datetime.now(UTC))
 
 
+def test_the_leftover_of_a_killed_call_is_not_in_the_geopackage(tmp_path: Path) -> None:
+    def points(at_s: float) -> list[dict[str, Any]]:
+        geometry = {"type": "Point", "coordinates": [-84.0, 36.0]}
+        return [{"type": "Feature", "properties": {"at_s": at_s}, "geometry": geometry}]
+
+    path, part = tmp_path / "incident.gpkg", tmp_path / ".incident.part.gpkg"
+    write_geopackage(path, {name: points(1.0) for name in ("a", "b", "drops")}, datetime.now(UTC))
+    path.rename(part)
+    part.with_name(f"{part.name}-journal").write_bytes(b"of another file")
+    write_geopackage(path, {name: points(2.0) for name in ("a", "b")}, datetime.now(UTC))
+    assert [name for name, _ in pyogrio.list_layers(path)] == ["a", "b"]
+    for name in ("a", "b"):
+        assert pyogrio.raw.read(path, layer=name)[3][0].tolist() == [2.0]
+    assert [each.name for each in tmp_path.iterdir()] == ["incident.gpkg"]
+
+
 def test_the_times_of_the_kmz_are_calendar_times_in_order(made: Path) -> None:
     root = _document(made / "incident.kmz")
     folders = {each.findtext(f"{KML}name"): each for each in root.iter(f"{KML}Folder")}
