@@ -188,3 +188,18 @@ def test_a_silent_vehicle_is_planned_around_where_it_is_reckoned() -> None:
     fleet.cell[:] = 20, 70
     rule.decide(ring, fleet, 0, 30.0)
     assert rule._goal[rule._members.index(1)] == 70
+
+
+@pytest.mark.parametrize("uavs", [1, 2, 3, 4])
+def test_on_a_front_within_one_cell_all_lap(uavs: int) -> None:
+    """Such a front has no length, and costs are not defined; the search for a pattern must end."""
+    zeros, member = np.zeros(360), np.arange(uavs)
+    ring, cells = FrontRing(zeros, zeros, zeros), member * 80
+    rule = Balanced("linear", 10.0)
+    for at_s in np.arange(100.0, 300.0, 5.0).tolist():
+        for which in range(uavs):
+            clockwise = np.ones(uavs, np.bool_)
+            fleet = ActiveFleet(member, cells, clockwise, np.full(uavs, SPEED_M_S))
+            assert rule.decide(ring, fleet, which, at_s)
+        cells = (cells + 1) % 360
+    assert not rule.turns

@@ -106,7 +106,10 @@ class Balanced:
             self._set_team(members, fleet, at_s)
         if at_s >= self._next_pattern_s:
             self._next_pattern_s = at_s + max(SEARCH_S, self._lap_s / PATTERN_SEARCHES)
-            self._choose_pattern(fleet, at_s)
+            if self._lap_s > 0.0:
+                self._choose_pattern(fleet, at_s)
+            else:
+                self._lap()
         self._goal[which], self._due_s[which] = fleet.cell[which], at_s
         every_s = 0.0 if self._grows_fast else self._lap_s / PLAN_SEARCHES
         if at_s >= self._searched_s[which] + max(SEARCH_S, every_s):
@@ -193,6 +196,13 @@ class Balanced:
             self._grows_fast or best.cost < (1.0 - PATTERN_MARGIN) * cost
         ):
             self._pattern = wanted
+            self._plan_all()
+
+    def _lap(self) -> None:
+        """Let all vehicles lap: on a front within one cell, costs are not defined."""
+        self._grows_fast = False
+        if self._pattern != LAPS:
+            self._pattern = LAPS
             self._plan_all()
 
     def _plan_all(self) -> None:

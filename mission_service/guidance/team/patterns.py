@@ -176,7 +176,7 @@ def _with_ends_moved(best: Choice, step: int, size: int, choice):  # type: ignor
             if 1 <= length + longer <= size // 2
         ]
         better = min(moved, key=lambda one: one.cost, default=best)
-        if better.cost >= best.cost:
+        if not better.cost < best.cost:  # also if a cost is NaN
             return best
         best = better
 
