@@ -8,7 +8,6 @@ from pathlib import Path
 
 from firemodel.errors import FireModelError
 
-
 SQLITE = ("-journal", "-wal", "-shm")  # files that SQLite writes beside a GeoPackage
 
 
