@@ -43,9 +43,10 @@ class AircraftReports:
         used = section or SurveillanceSection()
         self.table = AircraftTable(used.range_m, used.qnh_hpa, used.ignored)
         self._due_us = -(2**63)
-        # Vehicles whose last event contains no aircraft. Any run, even a resumed one, begins with
-        # an event for each vehicle, which ends the alerts of an interrupted run.
-        self._empty: set[str] = set()
+        # Vehicles whose last event contains no aircraft, and its ``own_unknown``. Any run, even a
+        # resumed one, begins with an event for each vehicle, which ends the alerts of an
+        # interrupted run.
+        self._empty: dict[str, bool] = {}
 
     def decoder(self, source: AircraftSource) -> AircraftDecoder:
         """Return a new decoder for a connection to a source."""
@@ -69,12 +70,16 @@ class AircraftReports:
         own = {
             name: OwnPosition(name, fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m)
             for name, fix in fixes.items()
-            if at_us - fix.at_us <= FRESH_US
         }
         self.table.update_region(own.values())
         self.table.expire(at_us)
-        for name in fixes:
-            aircraft = self.table.near(own[name], at_us) if name in own else ()
-            if aircraft or name not in self._empty:
-                yield AircraftReported(at_us, name, aircraft)
-            (self._empty.discard if aircraft else self._empty.add)(name)
+        for name, fix in fixes.items():
+            unknown = at_us - fix.at_us > FRESH_US
+            aircraft = () if unknown else self.table.near(own[name], at_us)
+            if aircraft:
+                self._empty.pop(name, None)
+            elif self._empty.get(name) is unknown:
+                continue
+            else:
+                self._empty[name] = unknown
+            yield AircraftReported(at_us, name, aircraft, unknown)

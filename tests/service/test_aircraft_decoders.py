@@ -260,15 +260,20 @@ def test_events_are_due_once_a_second_with_extrapolated_positions() -> None:
     assert events_at(reports, at_us + 1_000_000) == [], "no aircraft, as the last event states"
 
 
-def test_a_vehicle_without_a_new_position_has_no_aircraft() -> None:
+def test_a_vehicle_without_a_new_position_is_reported_as_such_once() -> None:
     reports = AircraftReports(SurveillanceSection())
     decoder = reports.decoder(AircraftSource(format="sbs", address="127.0.0.1:30003"))
     events_at(reports, 0)
     decoder.decode(2 * sbs_lines(CRAFT), 500_000)
     assert events_at(reports, 1_000_000)[0].aircraft
     assert events_at(reports, 7_000_000, Fix(1_000_000)) == [
-        AircraftReported(7_000_000, "hawk", ())
+        AircraftReported(7_000_000, "hawk", (), own_unknown=True)
     ]
+    assert events_at(reports, 8_000_000, Fix(1_000_000)) == []
+    decoder.decode(sbs_lines(CRAFT), 8_500_000)  # still tracked
+    (event,) = events_at(reports, 9_000_000)
+    assert [each.aircraft for each in event.aircraft] == ["a4c2f1"]
+    assert not event.own_unknown
 
 
 def test_at_most_fifty_aircraft_are_reported_the_nearest() -> None:

@@ -22,6 +22,7 @@ from mission_service.commands import (
     UploadMission,
 )
 from mission_service.config.scenario import load_scenario
+from mission_service.config.surveillance_section import AircraftSource
 from mission_service.core.core import Core
 from mission_service.errors import ScenarioError
 from mission_service.events import (
@@ -41,6 +42,8 @@ from mission_service.events import (
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.ground_distance import distance_m
 from mission_service.journal.snapshot import Frozen, Known, restore
+from mission_service.surveillance.aircraft_reports import AircraftReports
+from tests.service.aircraft_messages import Aircraft, sbs_lines
 from tests.service.intruders import fly_past, meeting
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
@@ -291,6 +294,40 @@ def test_an_operator_who_resumes_decides_until_the_conflict_ends(land: Landscape
         aloft.report(aloft.aircraft(-1500.0))  # the conflict ends
     found = [each for _ in range(3) for each in aloft.report(near)]
     assert len(orders(found)) == 1, "a new conflict with the same aircraft"
+
+
+def test_without_the_own_position_an_alert_does_not_end(land: Landscape) -> None:
+    aloft = Aloft(land, "hold")
+    reports = AircraftReports(aloft.scenario.surveillance)
+    sbs = reports.decoder(AircraftSource(format="sbs", address="127.0.0.1:30003"))
+    craft = Aircraft(
+        0xA4C2F1, PLACE[0] + 2500.0 / 111_195.0, PLACE[1], aloft.ground_m + 150.0, -50.0
+    )
+    fixes: dict[str, Telemetry] = {}
+
+    def pass_time(seconds: int, own_received: bool = True) -> list[AnyCommand]:
+        """Receive the aircraft and, if stated, the vehicle once a second."""
+        found: list[AnyCommand] = []
+        for _ in range(seconds):
+            aloft.at_s += 1.0
+            if own_received:
+                altitudes_m = (aloft.ground_m + 150.0, 150.0)
+                fixes["hawk"] = Telemetry(aloft.at_us, "hawk", *PLACE, *altitudes_m, 0.0, 0.0, 0.0)
+                aloft.handle(fixes["hawk"])
+            sbs.decode(sbs_lines(craft), aloft.at_us)
+            for event in reports.events_due(fixes, aloft.at_us):
+                found += aloft.handle(event)
+        return found
+
+    (order,) = orders(pass_time(5))
+    aloft.order(order)
+    aloft.handle(OrderGiven(aloft.at_us, *ANN, "hawk", "resume"))
+    (line,) = pass_time(13, own_received=False)
+    assert isinstance(line, Announce)
+    assert line.text == "without its own position, the alerts about other aircraft are not updated"
+    assert not kinds(pass_time(8), AlertOnAircraft, ClearAlarm, Announce, OrderByService)
+    craft.lat_deg = PLACE[0] - 1500.0 / 111_195.0
+    assert kinds(pass_time(8), ClearAlarm) == [ClearAlarm("hawk", "aircraft")]
 
 
 def test_another_aircraft_is_another_conflict_but_a_hold_is_not_repeated(land: Landscape) -> None:
