@@ -10,7 +10,7 @@ import socket
 from typing import Any
 
 from mission_service.config.surveillance_section import AircraftSource, SurveillanceSection
-from mission_service.runtime.clocks import clock_us
+from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.runtime.run_context import RunContext
 from mission_service.surveillance.aircraft_table import AircraftDecoder
 
@@ -67,7 +67,7 @@ class SourceReceiver:
         data, self._buffer = bytes(self._buffer), bytearray()
         dropped, self._dropped = self._dropped, False
         if data:
-            self._decoder.decode(data, self._context.clock.now_us)
+            self._decoder.decode(data, self._context.clock.now_us, wall_us())
         if self._failure:
             return f"no aircraft from {self.source.label}: {self._failure}"
         if dropped:

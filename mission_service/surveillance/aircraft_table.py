@@ -35,8 +35,12 @@ class AircraftDecoder(Protocol):
     def rejected(self) -> int:
         """The number of messages that were damaged or implausible."""
 
-    def decode(self, data: bytes, at_us: int) -> None:
-        """Process received bytes; an incomplete last message is completed by the next bytes."""
+    def decode(self, data: bytes, at_us: int, unix_us: int | None = None) -> None:
+        """Process received bytes; an incomplete last message is completed by the next bytes.
+
+        ``at_us`` is mission time. ``unix_us`` is the wall clock, with which formats that contain
+        times compare these; without it, the messages count as new.
+        """
 
 
 class Region(NamedTuple):

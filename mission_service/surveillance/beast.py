@@ -32,7 +32,7 @@ class BeastDecoder:
         """The number of damaged messages."""
         return self._squitters.rejected
 
-    def decode(self, data: bytes, at_us: int) -> None:
+    def decode(self, data: bytes, at_us: int, unix_us: int | None = None) -> None:
         """Process received bytes; an incomplete last message is completed by the next bytes."""
         data = self._rest + data
         messages, end = [], 0

@@ -42,7 +42,7 @@ class Gdl90Decoder:
         self._table = table
         self._source = source
 
-    def decode(self, data: bytes, at_us: int) -> None:
+    def decode(self, data: bytes, at_us: int, unix_us: int | None = None) -> None:
         """Process one or more datagrams."""
         for part in data.split(b"\x7e"):
             if not part or part[0] != TRAFFIC_REPORT:  # the id is never escaped

@@ -33,7 +33,7 @@ class SbsDecoder:
         self._source = source
         self._rest = b""
 
-    def decode(self, data: bytes, at_us: int) -> None:
+    def decode(self, data: bytes, at_us: int, unix_us: int | None = None) -> None:
         """Process received bytes; an incomplete last line is completed by the next bytes."""
         lines, self._rest = complete_parts(self._rest + data, b"\n", MAX_LINE)
         line = self._line

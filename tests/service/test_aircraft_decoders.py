@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from mission_service.config.surveillance_section import AircraftSource, SurveillanceSection
 from mission_service.events import AircraftReported
 from mission_service.ground_distance import M_PER_DEG
+from mission_service.interfaces.cot.cot_events import zulu
 from mission_service.surveillance.aircraft_reports import DECODERS, AircraftReports
 from mission_service.surveillance.aircraft_table import (
     MAX_AGE_S,
@@ -24,7 +25,7 @@ from mission_service.surveillance.aircraft_table import (
     pressure_offset_m,
 )
 from mission_service.surveillance.beast import BeastDecoder
-from mission_service.surveillance.cot_tracks import CotTrackDecoder
+from mission_service.surveillance.cot_tracks import CotTrackDecoder, unix_us_of
 from mission_service.surveillance.cpr import global_position, longitude_zones
 from mission_service.surveillance.gdl90 import Gdl90Decoder, crc_of
 from mission_service.surveillance.mode_s import ModeSDecoder
@@ -224,6 +225,43 @@ def test_unknown_altitudes_of_cot_are_not_used() -> None:
     entity = cot_event(CRAFT).replace(b'callsign="N417EA"', b'callsign="&a;"')
     decoder.decode(b'<!DOCTYPE x [<!ENTITY a "b">]>' + entity, 0)
     assert decoder.rejected == 1
+
+
+def test_the_times_of_cot_are_those_of_the_positions() -> None:
+    table, now_us = table_at(*HOME), unix_us_of("2026-08-01T12:00:00Z")
+    decoder = CotTrackDecoder(table, "cot")
+
+    def received(lat_deg: float, age_s: float, at_us: int, stale_in_s: float = 30.0) -> None:
+        sent_us = now_us + at_us - round(age_s * 1e6)
+        event = cot_event(replace(CRAFT, lat_deg=lat_deg)).decode()
+        event = event.replace("2026-08-01T12:00:00.000Z", zulu(sent_us))
+        event = event.replace("2026-08-01T12:00:30.000Z", zulu(sent_us + round(stale_in_s * 1e6)))
+        decoder.decode(event.encode(), at_us, now_us + at_us)
+
+    received(36.4, 0.0, 10_000_000)
+    received(36.401, 1.5, 12_000_000)
+    track = table.tracks["a4c2f1"]
+    assert track.confirmed
+    assert (track.at_us, track.lat_deg) == (10_500_000, 36.401)
+    received(36.402, -3.0, 13_000_000)  # the clock of the sender is fast
+    assert (track.at_us, track.lat_deg) == (13_000_000, 36.402)
+    received(36.401, 2.0, 14_000_000)  # overtaken on the way
+    assert (track.at_us, track.lat_deg) == (13_000_000, 36.402)
+    assert decoder.rejected == 0
+    received(36.403, 10.0, 25_000_000, stale_in_s=4.0)
+    received(36.403, 21.0, 45_000_000, stale_in_s=3600.0)
+    assert (track.at_us, decoder.rejected) == (13_000_000, 2)
+    received(36.403, 8.0, 25_000_000, stale_in_s=4.0)  # the clocks may differ by 5 s
+    assert (track.at_us, track.lat_deg) == (17_000_000, 36.403)
+
+
+@pytest.mark.parametrize("time", ["", "now", "0001-01-01T00:00:00+23:00", "9" * 99])
+def test_an_event_of_cot_without_a_valid_time_is_rejected(time: str) -> None:
+    table = table_at(*HOME)
+    decoder = CotTrackDecoder(table, "cot")
+    event = cot_event(CRAFT).replace(b"2026-08-01T12:00:00.000Z", time.encode())
+    decoder.decode(event, 0, unix_us_of("2026-08-01T12:00:00Z"))
+    assert (decoder.rejected, list(table.tracks)) == (1, [])
 
 
 # Events of the table -------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import random
 import socket
+import time
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +14,13 @@ import pytest
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.surveillance_section import AircraftSource, SurveillanceSection
 from mission_service.errors import ScenarioError
+from mission_service.interfaces.cot.cot_events import zulu
 from mission_service.live import aircraft_sources
 from mission_service.live.aircraft_sources import MAX_BUFFER, receive_aircraft
 from mission_service.runtime.run_context import RunContext
 from tests.api.worlds import SMALL, World, world_in
 from tests.patience import until
-from tests.service.aircraft_messages import Aircraft, gdl90_report, sbs_lines
+from tests.service.aircraft_messages import Aircraft, cot_event, gdl90_report, sbs_lines
 
 CRAFT = Aircraft(0xA4C2F1, 36.37, -84.13, 900.0, 40.0, -30.0)
 
@@ -131,6 +133,24 @@ def test_datagrams_are_received_and_garbage_changes_nothing(context: RunContext)
                 rejected = context.gauges["aircraft_rejected_total"]
                 await until(lambda: rejected() == before + 1)
         assert not alarms(context)
+
+    asyncio.run(run())
+
+
+def test_stale_events_are_rejected(context: RunContext) -> None:
+    async def run() -> None:
+        port, table = free_port(socket.SOCK_DGRAM), context.service.aircraft.table
+        async with receiving(context, section_of("cot", port)):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+                await asyncio.sleep(0.3)
+                now_us, old = time.time_ns() // 1000, cot_event(replace(CRAFT, address=1))
+                new = cot_event(CRAFT).decode().replace("2026-08-01T12:00:00.000Z", zulu(now_us))
+                new = new.replace("2026-08-01T12:00:30.000Z", zulu(now_us + 30_000_000))
+                sender.sendto(old.replace(b"2026-08", b"2020-08"), ("127.0.0.1", port))
+                sender.sendto(new.encode(), ("127.0.0.1", port))
+                await until(lambda: table.tracks)
+                assert list(table.tracks) == ["a4c2f1"]
+                assert context.gauges["aircraft_rejected_total"]() == 1.0
 
     asyncio.run(run())
 

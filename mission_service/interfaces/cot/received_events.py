@@ -14,9 +14,7 @@ time.
 """
 
 import math
-import re
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -25,6 +23,7 @@ from mission_service.errors import MissionServiceError
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.interfaces.cot.cot_events import zulu
 from mission_service.interfaces.cot.event_framing import MAX_EVENT_BYTES
+from mission_service.surveillance.cot_tracks import unix_us_of
 
 MESH_HEADER = b"\xbf\x01\xbf"  # begins a datagram of TAK protocol version 1
 UNKNOWN_ERROR_M = 9_999_999.0  # ``ce`` of positions without a known error
@@ -32,7 +31,6 @@ MAX_TEXT = 200  # longer identifiers and titles are refused
 ELLIPSE_CORNERS = 36
 MAX_RADIUS_M = 100_000.0
 MAX_STROKES = 20
-_WINTAK_TIME = re.compile(r"(T\d\d:\d\d:\d\d):(\d{1,6}Z?)$")  # a colon instead of a decimal point
 LINES, CIRCLE, STROKES = ("u-d-f", "u-d-r"), "u-d-c-c", "u-d-f-m"
 
 LatLon = tuple[float, float]  # degrees
@@ -276,11 +274,8 @@ def _number(element: Element, key: str) -> float:
 def _unix_us(text: str, uid: str) -> int:
     """Return a time such as 2026-11-22T00:30:00.000Z in microseconds since 1970."""
     try:
-        found = datetime.fromisoformat(_WINTAK_TIME.sub(r"\1.\2", text))
-        if found.tzinfo is None:
-            found = found.replace(tzinfo=UTC)
-        return round(found.timestamp() * 1e6)
-    except (ValueError, OverflowError):
+        return unix_us_of(text)
+    except ValueError:
         raise CotEventError(f"unknown time format: {_cut(text)!r} in {_cut(uid)}") from None
 
 
