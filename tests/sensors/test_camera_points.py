@@ -68,6 +68,26 @@ def test_a_hot_point_is_placed_by_the_pose_of_the_camera(
     assert [each.source for each in found.observe(fix_at(land, 2_250_000))] == ["camera_points"]
 
 
+def test_a_vehicle_without_a_link_does_not_delay_the_points_of_others(land: Landscape) -> None:
+    sensor = points_over(land, 1_000_000)
+    place = fix_at(land, 0)
+    for at_us, vehicle in ((1_000_000, "hawk"), (2_000_000, "owl"), (3_000_000, "owl")):
+        at = (at_us, vehicle, place.lat_deg, place.lon_deg, 3.0)
+        sensor.on_event(events.TargetTracked(*at))
+    seen = [sensor.observe(fix_at(land, at_us, "owl")) for at_us in (2_250_000, 3_250_000)]
+    assert [each and (each.vehicle, each.at_us) for each in seen] == [
+        ("owl", 2_000_000),
+        ("owl", 3_000_000),
+    ]
+    assert sensor.problem == ""
+    assert sensor.observe(fix_at(land, 61_250_000, "owl")) is None
+    assert sensor.problem == "a point from hawk is not used: no position arrived within 60 s"
+    assert sensor.observe(fix_at(land, 61_500_000)) is None
+    sensor.on_event(events.TargetTracked(61_600_000, "owl", place.lat_deg, place.lon_deg, 3.0))
+    assert sensor.observe(fix_at(land, 61_750_000, "owl")) is not None
+    assert sensor.problem == ""
+
+
 def test_a_point_waits_for_its_telemetry_and_is_named_if_there_is_none(land: Landscape) -> None:
     sensor = points_over(land, 1_000_000)
     sensor.on_event(events.HotPointSeen(2_000_000, "hawk", 450.0, 0.5, 0.5))

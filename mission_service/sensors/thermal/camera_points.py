@@ -29,6 +29,7 @@ from mission_service.sensors.thermal.telemetry_poses import (
 )
 
 TELEMETRY_DELAY_US = 3_000_000
+MAX_AGE_US = 60_000_000  # of a point from a vehicle whose positions no longer arrive
 TRACKED_SD_M = 10.0  # if the camera does not report the error
 MAX_WAITING = 20
 WIDTH = 640  # pixels into which the horizontal field of view is divided
@@ -53,26 +54,33 @@ class CameraPoints:
 
     def observe(self, fix: Telemetry) -> Observed | None:
         """Return the next point of a vehicle, or None until the telemetry for it has arrived."""
-        if not self._waiting or self._waiting[0].vehicle != fix.vehicle:
-            return None
-        point = self._waiting[0]
-        if point.at_us > fix.at_us:
+        self._expire(fix.at_us)
+        point = next((each for each in self._waiting if each.vehicle == fix.vehicle), None)
+        if point is None or point.at_us > fix.at_us:
             return None
         try:
             row, col, sd_m = self._place_of(point)
         except PoseUnknownError as error:
             if fix.at_us - point.at_us < TELEMETRY_DELAY_US:
                 return None
-            self._waiting.popleft()
-            self.problem = f"a point from {point.vehicle} is not used: {error}"
+            self._refuse(point, str(error))
             return None
         except FireModelError as error:
-            self._waiting.popleft()
-            self.problem = f"a point from {point.vehicle} is not used: {error}"
+            self._refuse(point, str(error))
             return None
-        self._waiting.popleft()
+        self._waiting.remove(point)
         self.problem = ""
         return Observed(point.at_us, fix.vehicle, row, col, ("b",), position_sd_m=round(sd_m, 2))
+
+    def _expire(self, at_us: int) -> None:
+        """Remove the points that have waited too long."""
+        for point in list(self._waiting):
+            if at_us - point.at_us > MAX_AGE_US:
+                self._refuse(point, f"no position arrived within {MAX_AGE_US / 1e6:.0f} s")
+
+    def _refuse(self, point: HotPointSeen | TargetTracked, reason: str) -> None:
+        self._waiting.remove(point)
+        self.problem = f"a point from {point.vehicle} is not used: {reason}"
 
     def _place_of(self, point: HotPointSeen | TargetTracked) -> tuple[int, int, float]:
         """Return the row and column of a point's cell, and the point's standard deviation."""
