@@ -551,9 +551,11 @@ def test_products_of_a_damaged_journal_are_refused_with_the_line(
 def test_lines_are_found_in_a_journal_that_grows_and_is_replaced(tmp_path: Path) -> None:
     path, lines = tmp_path / "journal.jsonl", JournalLines()
 
-    def after(line: int, limit: int = 9, max_bytes: int = 1000) -> tuple[bytes, int]:
+    def after(
+        line: int, limit: int = 9, max_bytes: int = 1000, segment: int = 1
+    ) -> tuple[bytes, int]:
         with path.open("rb") as file:
-            return lines.after(file, line, limit, max_bytes)
+            return lines.after(file, segment, line, limit, max_bytes)
 
     path.write_bytes(b"".join(b"%d\n" % number for number in range(1, 2501)))
     assert after(2000, 2) == (b"2001\n2002\n", 2002)
@@ -569,6 +571,11 @@ def test_lines_are_found_in_a_journal_that_grows_and_is_replaced(tmp_path: Path)
     assert after(1) == (b"two\n", 2)
     path.write_bytes(b"a\n")  # the file is shorter than the requested position
     assert after(0) == (b"a\n", 1)
+    assert after(1001) == (b"", 1001)
+    path.write_bytes(b"1\n" * 2000)
+    assert after(1998) == (b"1\n1\n", 2000)
+    path.write_bytes(b"longer %04d\n" * 2000)  # another segment with the inode of a deleted one
+    assert after(1998, segment=5) == (b"longer %04d\n" * 2, 2000)
 
 
 def test_older_pieces_of_the_journal_can_be_read(tmp_path: Path) -> None:

@@ -15,16 +15,19 @@ class JournalLines:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._files: OrderedDict[tuple[int, int], _LineIndex] = OrderedDict()
+        self._files: OrderedDict[tuple[int, int, int], _LineIndex] = OrderedDict()
 
-    def after(self, file: BinaryIO, line: int, limit: int, max_bytes: int) -> tuple[bytes, int]:
+    def after(
+        self, file: BinaryIO, segment: int, line: int, limit: int, max_bytes: int
+    ) -> tuple[bytes, int]:
         """Return the complete lines after line number ``line``, and the number of the last one.
 
         The header is line 1. The result has at most ``limit`` lines, and ends with the line at
-        which the total size exceeds ``max_bytes``.
+        which the total size exceeds ``max_bytes``. ``segment`` is the number of the segment in the
+        file: a new segment may have the inode of a deleted one.
         """
         with self._lock:
-            index = self._index_of(file)
+            index = self._index_of(file, segment)
             part = min(line // EVERY_LINES, len(index.at_byte) - 1)
             file.seek(index.at_byte[part])
             found: list[bytes] = []
@@ -38,9 +41,9 @@ class JournalLines:
                 size += len(text)
             return b"".join(found), line + len(found)
 
-    def _index_of(self, file: BinaryIO) -> "_LineIndex":
+    def _index_of(self, file: BinaryIO, segment: int) -> "_LineIndex":
         stat = os.fstat(file.fileno())
-        key = (stat.st_dev, stat.st_ino)
+        key = (segment, stat.st_dev, stat.st_ino)
         index = self._files.pop(key, None)
         if index is None or stat.st_size < index.counted_bytes:
             index = _LineIndex()

@@ -67,7 +67,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         number, opened = _opened(api, segment)
         with opened:
             found, last = await api.run_in_thread(
-                partial(journal.after, opened, after, limit, MAX_BYTES)
+                partial(journal.after, opened, number, after, limit, MAX_BYTES)
             )
         headers = {"x-last-line": str(last), "x-segment": str(number)}
         return Response(found, headers=headers, media_type=LINES)
