@@ -55,7 +55,7 @@ class WatchedFolder(ThreadedSensor):
         if not self._folder.is_dir():
             raise ScenarioError(f"{self._folder}: is not a folder; create it")
         self._folder_problem = ""
-        self._problems: dict[str, str] = {}  # why files are not used, by name
+        self._problems: dict[str, str] = {}  # texts about files, by name
         self._growing: dict[str, Change] = {}
         self._read: dict[str, Change] = {}
         self.used_parts: frozenset[str] = frozenset()  # events before a restart (``sensor_files``)
@@ -81,16 +81,20 @@ class WatchedFolder(ThreadedSensor):
 
     @property
     def problem(self) -> str:
-        """The reason why the folder, or a file in it, is not used; otherwise empty."""
+        """Why the folder, a file in it, or part of a file is not used; otherwise empty."""
         texts = list(self._problems.values())  # a copy, because the thread changes the dictionary
         if self._folder_problem or not texts:
             return self._folder_problem
         others = f" (and {len(texts) - 1} others)" if texts[1:] else ""
-        return f"{self._noun} is not used: {texts[-1]}{others}"
+        return f"{texts[-1]}{others}"
 
     def refuse(self, name: str, reason: str) -> None:
         """Store the reason why a file is not used, as one line that each interface can show."""
-        self._problems[name] = one_line(reason)
+        self.note_problem(name, f"{self._noun} is not used: {reason}")
+
+    def note_problem(self, name: str, text: str) -> None:
+        """Store a text about a file, as one line, until the file is replaced or removed."""
+        self._problems[name] = one_line(text)
 
     def scan(self, now: datetime) -> None:
         """Use the files that are new and have not grown since the last scan.

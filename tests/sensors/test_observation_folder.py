@@ -108,6 +108,35 @@ def journalled(out: Path) -> list[AnyEvent]:
 
 
 @pytest.mark.usefixtures("in_process")
+def test_observations_that_are_not_used_are_named_until_the_file_is_replaced(folder: Path) -> None:
+    scenario = scenario_for(folder)
+    land = landscape_of(scenario)
+    sensor = ObservationFolder(scenario, land)
+
+    def write(*times: datetime | None) -> None:
+        """Write a perimeter for each time."""
+        top, left, bottom, right = BOX
+        boxes = [(top, left + 40 * n, bottom, right + 40 * n) for n in range(len(times))]
+        fields = [{"PolygonDateTime": at and at.isoformat()} for at in times]
+        shapes = [shapely.Polygon(ring_of(land, *box)) for box in boxes]
+        write_geojson(folder / "heat.geojson", list(zip(shapes, fields, strict=True)))
+        looked(sensor)
+
+    write(ago(1.0), None, ago(7 * 60.0))
+    report = sensor.report(FIX.at_us)
+    assert report is not None
+    assert report.seen_at_us == pytest.approx(FIX.at_us - 60_000_000, abs=10_000_000)
+    assert sensor.report(FIX.at_us) is None
+    assert sensor.problem.startswith("2 of 3 observations in a file are not used: ")
+    assert "heat.geojson: feature 2 has no time" in sensor.problem
+    write(ago(1.0), ago(7 * 60.0))
+    assert sensor.problem.startswith("1 of 2 observations in a file are not used: ")
+    assert "ago; estimate.observation_files.max_age_s = 21600" in sensor.problem
+    write(ago(1.0))
+    assert sensor.problem == ""
+
+
+@pytest.mark.usefixtures("in_process")
 def test_a_dropped_perimeter_reaches_the_estimate_with_its_time_and_source(
     folder: Path, tmp_path: Path
 ) -> None:

@@ -103,16 +103,23 @@ class ObservationFolder(WatchedFolder):
                 f"{path}: was observed {-min(ages_s):.0f} s in the future; check the clocks, and "
                 f"the time zone of the file (estimate.observation_files.time_zone)"
             )
-        if min(ages_s) > self._max_age_s:
-            raise MissionServiceError(
-                f"{path}: was observed {min(ages_s):.0f} s ago; "
-                f"estimate.observation_files.max_age_s = {self._max_age_s:g}"
-            )
+        too_old = [
+            f"{path}: was observed {age_s:.0f} s ago; "
+            f"estimate.observation_files.max_age_s = {self._max_age_s:g}"
+            for age_s in ages_s
+            if age_s > self._max_age_s
+        ]
+        if len(too_old) == count:
+            raise MissionServiceError(too_old[-1])
         for number, each in enumerate(contents.observations, start=1):
             part = file_part(file, number, count)
             if ages_s[number - 1] <= self._max_age_s and part not in self.used_parts:
                 queue = self._rasters if isinstance(each, FileCells) else self._reports
                 queue.append(_Arrived(path.name, part, each))
+        if unused := (*contents.notes, *too_old):
+            total = count + len(contents.notes)
+            text = f"{len(unused)} of {total} observations in a file are not used: {unused[0]}"
+            self.note_problem(path.name, text)
 
     def _files(self) -> dict[str, Change]:
         """Return the last modification of each file; the parts of a Shapefile count as one file."""
