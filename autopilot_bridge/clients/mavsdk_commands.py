@@ -5,16 +5,18 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.clients.mavsdk_library import library, raw_message
+from autopilot_bridge.clients.mavsdk_library import MAVSDK_IDS, library, raw_message
 from autopilot_bridge.clients.mavsdk_system import NO_ANSWER, MavsdkSystem
 from autopilot_bridge.links.codec import Message
+from autopilot_bridge.missions.transfer import is_for
 from autopilot_bridge.stacks.stacks import Stack, Step
-from autopilot_bridge.vehicle.command_sequence import command_message, result_words
+from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, result_words
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import VehicleMonitor
 
 REPLY_TIMEOUT_S = 1.5
+NOT_REPORTED = "no HEARTBEAT reported the new mode"
 
 
 class MavsdkCommands:
@@ -37,10 +39,14 @@ class MavsdkCommands:
         self._clock = clock
         self._modes = CommandedModes()
         self._heartbeats = 0
+        self._refused: dict[int, int] = {}  # by command: the last result that refused it
 
     def receive(self, message: Message) -> None:
-        """Count the heartbeats of the vehicle."""
-        self._heartbeats += message.get_type() == "HEARTBEAT"
+        """Count the heartbeats of the vehicle, and record the commands that it refuses."""
+        kind = message.get_type()
+        self._heartbeats += kind == "HEARTBEAT"
+        if kind == "COMMAND_ACK" and is_for(message, MAVSDK_IDS) and message.result not in TAKEN:
+            self._refused[message.command] = message.result
 
     def mode_changed(self, stack: Stack, mode: int, now_us: int) -> str | None:
         """Process a mode change; return a description if it was not commanded, else None."""
@@ -58,20 +64,45 @@ class MavsdkCommands:
         for step in steps:
             if len(self.overrides) > overrides:
                 return False, self.overrides[-1]
-            self._modes.expect(modes_of_step(step, stack), self._clock())
-            command, request = step.command, command_message(self._target, step, 0)
-            try:
-                ack = await self._system.call(
-                    self._system.direct.send_command(raw_message(request, self._target))
-                )
-            except library().direct.MavlinkDirectError as error:
-                return False, f"command {command}: no acknowledgement ({error.result.name})"
-            except TimeoutError:
-                return False, f"command {command}: no acknowledgement ({NO_ANSWER})"
-            result = json.loads(ack.fields_json)["result"]
-            if result != mavlink.MAV_RESULT_ACCEPTED:
-                return False, f"command {command} {result_words(result)}"
+            refusal = await self._send_step(step, stack, overrides)
+            if refusal:
+                return False, refusal
         return True, "accepted"
+
+    async def _send_step(self, step: Step, stack: Stack, overrides: int) -> str:
+        """Send a command, and return the reason why it was refused; "" if it was accepted."""
+        modes, command = modes_of_step(step, stack), step.command
+        self._modes.expect(modes, self._clock())
+        self._refused.pop(command, None)
+        request = command_message(self._target, step, 0)
+        try:
+            ack = await self._system.call(
+                self._system.direct.send_command(raw_message(request, self._target))
+            )
+        except library().direct.MavlinkDirectError as error:
+            return f"command {command}: no acknowledgement ({error.result.name})"
+        except TimeoutError:
+            return f"command {command}: no acknowledgement ({NO_ANSWER})"
+        result = json.loads(ack.fields_json)["result"]
+        if result != mavlink.MAV_RESULT_ACCEPTED:
+            return f"command {command} {result_words(result)}"
+        if not step.acked_on_receipt:
+            return ""
+        # MAVSDK returns the acknowledgement of the receipt, not that of the result.
+        heartbeats = self._heartbeats
+        await self._system.until(
+            lambda: (
+                command in self._refused
+                or len(self.overrides) > overrides
+                or (self._heartbeats > heartbeats and self._monitor.custom_mode in modes)
+            ),
+            2 * REPLY_TIMEOUT_S,
+        )
+        if command in self._refused:
+            return f"command {command} {result_words(self._refused[command])}"
+        if len(self.overrides) > overrides:
+            return self.overrides[-1]
+        return "" if self._monitor.custom_mode in modes else NOT_REPORTED
 
     async def change_mode(self, stack: Stack, before: int, custom_mode: int) -> tuple[bool, str]:
         """Change the mode right after a heartbeat, and only if the mode is still ``before``."""
@@ -85,4 +116,4 @@ class MavsdkCommands:
         changed = await self._system.until(
             lambda: self._monitor.custom_mode == custom_mode, 2 * REPLY_TIMEOUT_S
         )
-        return changed, "accepted" if changed else "no HEARTBEAT reported the new mode"
+        return changed, "accepted" if changed else NOT_REPORTED

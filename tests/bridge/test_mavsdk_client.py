@@ -1,18 +1,23 @@
 """Behaviour of the MAVSDK client only: its verdicts, and unsupported requests."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.mavsdk import MavsdkClient
+from autopilot_bridge.clients.mavsdk_commands import MavsdkCommands
 from autopilot_bridge.clients.mavsdk_library import upload_result
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as events
+from autopilot_bridge.vehicle.monitor import VehicleMonitor
 from tests.bridge.mock_process import free_port, mock_process, short_mission
 from tests.bridge.test_client_contract import clock_us, read_back, run, station
 from tests.bridge.transport_helpers import udp_socket
@@ -81,6 +86,47 @@ def test_orbits_and_speeds_are_refused_in_words() -> None:
         assert isinstance(finished, events.CommandFinished)
         assert (finished.name, finished.accepted) == (command, False)
         assert 'use backend = "native"' in finished.reason
+
+
+async def starts_without_a_mission() -> None:
+    port = free_port()
+    async with station("mavsdk", port) as client:
+        with mock_process(port, "px4", speedup=1.0):
+            await client.next(events.Connected)
+            client.vehicle.command("start mission", clock_us())
+            finished = await client.next(events.CommandFinished)
+            assert (finished.accepted, finished.reason) == (False, "command 176 denied")
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(
+                    client.next(events.ModeChanged, lambda event: event.armed), 2.5
+                )
+
+
+def test_px4_is_not_armed_after_it_has_refused_the_mission_mode() -> None:
+    # PX4 acknowledges the receipt of the mode change first, then refuses it.
+    run(starts_without_a_mission())
+
+
+class AckedSystem:
+    """A system in which each command is acknowledged on receipt, and no time passes."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+        self.direct = SimpleNamespace(send_command=self.sent.append)
+
+    async def call(self, sent: None) -> Any:
+        return SimpleNamespace(fields_json='{"result": 0}')
+
+    async def until(self, condition: Callable[[], bool], within_s: float) -> bool:
+        return condition()
+
+
+def test_px4_is_not_armed_if_no_heartbeat_reports_the_mission_mode() -> None:
+    stack, system = stack_named("px4", "plane"), AckedSystem()
+    parts: Any = (system, VehicleMonitor(3_000_000, None), (1, 1), clock_us)
+    outcome = asyncio.run(MavsdkCommands(*parts).send_steps(stack.start, stack))
+    assert outcome == (False, "no HEARTBEAT reported the new mode")
+    assert len(system.sent) == 1
 
 
 async def receives_frames_of_an_impostor() -> None:
