@@ -3,6 +3,9 @@
 list requested --MISSION_COUNT--> item requested --item--> item requested
 item requested --last item--> ended (MISSION_ACK sent)
 item requested --no item for a longer time--> list requested
+list requested --MISSION_ERROR or _INVALID_SEQUENCE--> list requested; ended if the error returns
+after the request was repeated. The error may be the reply to a copy of the last item of the upload
+before: ArduPilot requests items twice if the round trip takes more than a second
 Every request is repeated on timeout.
 """
 
@@ -25,6 +28,7 @@ MORE_RETRIES = 2
 # is therefore requested again after the first of these times without an item, and once more after
 # the second. On a link that loses frames, items are rarely missing for so long.
 BEGINS_AGAIN_AFTER_US = (9_000_000, 15_000_000)
+MAY_BE_LATE = (mavlink.MAV_MISSION_ERROR, mavlink.MAV_MISSION_INVALID_SEQUENCE)
 
 
 class RequestRepeater(Exchange):
@@ -62,6 +66,7 @@ class MissionDownload(RequestRepeater):
         self._count: int | None = None
         self._items: list[MissionItem] = []
         self._restarts = 0
+        self._error_on_try: int | None = None  # the first request that an error followed
 
     def start(self, now_us: int) -> list[Message]:
         """Request the number of items."""
@@ -74,7 +79,7 @@ class MissionDownload(RequestRepeater):
 
     def begin_again(self, now_us: int) -> list[Message]:
         """Request the list again, for example over another link of the vehicle."""
-        self._count = None
+        self._count = self._error_on_try = None
         self._items.clear()
         return self.start(now_us)
 
@@ -100,8 +105,7 @@ class MissionDownload(RequestRepeater):
         if not self._address.concerns(message):
             return []
         if kind == "MISSION_ACK":
-            if message.type != mavlink.MAV_MISSION_ACCEPTED:
-                self.result = rejected(message.type, None)
+            self._acknowledged(message.type)
             return []
         if kind == "MISSION_COUNT" and self._count is None:
             self._count = message.count
@@ -110,6 +114,16 @@ class MissionDownload(RequestRepeater):
         else:
             return []
         return self._next(now_us)
+
+    def _acknowledged(self, code: int) -> None:
+        if code == mavlink.MAV_MISSION_ACCEPTED:
+            return
+        if self._count is None and code in MAY_BE_LATE:
+            if self._error_on_try is None:
+                self._error_on_try = self._tries
+            if self._error_on_try == self._tries:
+                return  # the request is repeated on timeout
+        self.result = rejected(code, None)
 
     def _next(self, now_us: int) -> list[Message]:
         if len(self._items) == self._count:

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.links.codec import Codec, item_message
+from autopilot_bridge.links.codec import Codec, Message, item_message
 from autopilot_bridge.links.memory_link import MemoryLink
+from autopilot_bridge.missions.download import MissionDownload
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.missions.upload import MissionUpload
@@ -497,6 +498,44 @@ def test_a_lost_acknowledgement_is_resolved_by_the_plans_id_without_reading_back
     assert "MISSION_REQUEST_LIST" not in asked
     assert pair.now_us - began_us < 4 * SECOND
     assert held(pair) == kept(line_of(6), PX4)
+
+
+@each_stack
+@pytest.mark.parametrize("duplication", [0.0, 0.3, 1.0])
+def test_an_upload_over_a_slow_link_is_read_back(stack: Stack, duplication: float) -> None:
+    # With a round trip above 1 s, ArduPilot requests items twice, and answers the copy of the last
+    # item with an error, which arrives while the mission is being read back.
+    for seed in range(3):
+        up, down = (
+            MemoryLink(delay_us=600_000, duplication=duplication, seed=2 * seed + way)
+            for way in range(2)
+        )
+        pair = connected(stack, up=up, down=down)
+        pair.run_for(4.0)
+        result = pair.result_of(upload(pair, line_of(5), check=True))
+        assert (result.outcome, result.holds) == ("accepted", "the new one"), result.reason
+        assert held(pair) == kept(line_of(5), stack)
+
+
+def test_a_download_fails_if_the_error_returns_after_a_repeat() -> None:
+    def error(code: int, mission_type: int = 0) -> Message:
+        message = mavlink.MAVLink_mission_ack_message(255, 190, code, mission_type)
+        (received,) = Codec(255, 190).decode(Codec(1, 1).encode(message))
+        return received
+
+    download = MissionDownload(Address((255, 190), (1, 1)), TransferTiming())
+    (request,) = download.start(0)
+    for code in (mavlink.MAV_MISSION_ERROR, mavlink.MAV_MISSION_INVALID_SEQUENCE):
+        assert download.receive(error(code), 100_000) == []
+    assert download.result is None
+    assert download.handle_timer(1_500_000) == [request]
+    assert download.receive(error(mavlink.MAV_MISSION_ERROR), 1_600_000) == []
+    assert download.result is not None
+    assert download.result.outcome == "rejected"
+    denied = MissionDownload(Address((255, 190), (1, 1)), TransferTiming())
+    denied.start(0)
+    denied.receive(error(mavlink.MAV_MISSION_DENIED), 100_000)
+    assert denied.result is not None  # no reply to an item
 
 
 @pytest.mark.parametrize("stack", [PX4, stack_named("px4", "copter")])
