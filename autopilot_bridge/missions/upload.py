@@ -140,6 +140,8 @@ class MissionUpload(Exchange):
         """Send a cancellation; the upload ends at once if ``cancels_after_us`` is 0."""
         if not cancels_after_us:
             self.result = TransferResult("cancelled", "cancelled")
+        # ArduPilot cuts its list when it receives MISSION_COUNT; its requests may be lost.
+        self.touched |= cancels_after_us > 0
         self._state = "cancelling"
         self._deadline_us = now_us + cancels_after_us + self._timing.timeout_us
         code = mavlink.MAV_MISSION_OPERATION_CANCELLED

@@ -18,7 +18,7 @@ from autopilot_bridge.missions.transfer import Address, TransferResult, Transfer
 from autopilot_bridge.missions.upload import MissionUpload
 from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from autopilot_bridge.vehicle.client_events import MissionProgress
-from tests.bridge.helpers import SECOND, Pair, line_of, mock_of
+from tests.bridge.helpers import SECOND, Noting, Pair, line_of, mock_of
 
 Items = tuple[MissionItem, ...]
 PX4, ARDUPILOT = stack_named("px4", "plane"), stack_named("ardupilot", "plane")
@@ -400,6 +400,29 @@ def test_a_cancelled_upload_has_really_ended(stack: Stack, after_items: int) -> 
     assert before == (result.items or old)
     # The next transfer is not disturbed.
     assert pair.result_of(upload(pair, new), within_s=5.0).holds == "the new one"
+
+
+@pytest.mark.parametrize("replies", [True, False])
+def test_a_cancelled_upload_to_ardupilot_without_a_request_may_have_cut_the_mission(
+    replies: bool,
+) -> None:
+    pair = connected(ARDUPILOT)
+    pair.result_of(upload(pair, line_of(8)))
+    up, down = pair.up, pair.down = Noting(), Noting()
+    down.cut = True
+    transfer_id = upload(pair, line_of(2, first=9))
+    pair.run_for(1.0)
+    up.cut, down.cut = not replies, not replies
+    if replies:  # ArduPilot has ended the transfer, and repeats no request
+        pair.mock.missions.forget_transfers()
+        code = int(mavlink.MAV_MISSION_OPERATION_CANCELLED)
+        pair.client.cancel(transfer_id, pair.now_us)
+        pair.mock.send_message(mavlink.MAVLink_mission_ack_message(255, 190, code, 0))
+    else:
+        pair.client.cancel(transfer_id, pair.now_us)
+    result = pair.result_of(transfer_id)
+    assert (result.outcome, len(held(pair))) == ("cancelled", 2)
+    assert result.holds == ("a mixture" if replies else "not known")
 
 
 def test_a_transfer_that_waits_is_cancelled_at_once() -> None:
