@@ -46,7 +46,8 @@ class Tlog:
     def record(self, frames: list[bytes], link: int = 0) -> None:
         """Append frames that were just sent or received over a link."""
         now_us = self._wall_us()
-        if self._retry_us is not None and now_us < self._retry_us:
+        # A clock that was set back ends the wait, because it may take hours to reach the old time.
+        if self._retry_us is not None and self._retry_us - RETRY_US <= now_us < self._retry_us:
             self._missing += len(frames)
             return
         stamp = struct.pack(">Q", now_us & ~_LINK_BITS | min(link, _LINK_BITS))

@@ -115,7 +115,10 @@ def test_a_file_that_is_not_a_recording_remains_unchanged(tmp_path: Path, conten
     assert path.read_bytes() == content
 
 
-def test_a_full_disk_is_reported_once_and_the_recording_continues_later(tmp_path: Path) -> None:
+@pytest.mark.parametrize("clock_step_us", [10_000_000, -7_200_000_000])
+def test_a_full_disk_is_reported_once_and_the_recording_continues_later(
+    tmp_path: Path, clock_step_us: int
+) -> None:
     path, now_us = tmp_path / "flight.tlog", [BEGIN_US]
     reported: list[str] = []
     unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -132,7 +135,7 @@ def test_a_full_disk_is_reported_once_and_the_recording_continues_later(tmp_path
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
             signal.signal(signal.SIGXFSZ, ignored)
-        now_us[0] += 10_000_000
+        now_us[0] += clock_step_us  # a negative step: the clock was set back
         tlog.record([text("d")])
     assert [words for _, _, words in read(path)] == ["a", "d"]
     assert reported == [
