@@ -38,6 +38,7 @@ TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
 LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # distance and time of the flight to a waiting position
 WAITS_AT_MOST_S = 120.0
+UNABLE_FOR_S = 30.0  # after closed airspace has prevented a vehicle from giving way
 STALE_S = 5.0  # an older position is not used
 DESCENDING = ("approach", "final", "going around")  # phases of a landing
 
@@ -49,11 +50,14 @@ class Flown:
     section: VehicleSection
     availability: VehicleAvailability
     home_m: tuple[float, float]
-    track: Track | None = None
+    track: Track | None = None  # of the mission on board
+    sent_track: Track | None = None  # of a mission that is being sent
+    sent_id: int = 0  # number of the mission sent last
     descent_m: Floats | None = None  # (n, 2) descent of the landing mission sent last
     sent: int = 0  # number of missions sent
     compared: tuple[int, ...] = ()  # ``sent`` of the vehicles below at the last comparison
     gave_way_to: str | None = None
+    unable_until_s: float = -math.inf  # until then the vehicle cannot give way
     waits_since_s: float = 0.0
     waits_at: Floats | None = None  # (1, 2) waiting position
     started_at_s: float = -1e9
@@ -85,14 +89,25 @@ class TrafficManager:
 
     # Vertical separation of missions ----------------------------------------------------------
 
-    def on_mission(self, name: str, items: tuple[MissionItem, ...]) -> None:
-        """Record a mission that is sent to the vehicle."""
+    def on_mission(self, name: str, mission_id: int, items: tuple[MissionItem, ...]) -> None:
+        """Record a mission that is sent to the vehicle; the mission on board stays recorded."""
         flown = self._all[name]
         fix = flown.availability.fix
         start_m = (fix.x_m, fix.y_m) if fix and flown.availability.airborne else None
-        flown.track = track_of(items, self._landscape, flown.section.loiter_radius_m, start_m)
+        radius_m = flown.section.loiter_radius_m
+        flown.sent_track = track_of(items, self._landscape, radius_m, start_m)
+        flown.sent_id = mission_id
         flown.sent += 1
         flown.compared = self._missions_below(name)
+
+    def on_outcome(self, name: str, pending_id: int, on_board_id: int) -> None:
+        """Record whether the mission sent last is still being sent, is on board, or has failed."""
+        flown = self._all[name]
+        if flown.sent_track is None or flown.sent_id == pending_id:
+            return
+        if flown.sent_id == on_board_id:
+            flown.track = flown.sent_track
+        flown.sent_track = None
 
     def on_landing(self, name: str, items: tuple[MissionItem, ...]) -> None:
         """Record a landing mission that is sent to the vehicle, instead of its mission."""
@@ -103,7 +118,7 @@ class TrafficManager:
     def forget(self, name: str) -> None:
         """Delete the mission of a vehicle that lands or is on the ground."""
         flown = self._all[name]
-        flown.track = flown.gave_way_to = flown.descent_m = None
+        flown.track = flown.sent_track = flown.gave_way_to = flown.descent_m = None
 
     def min_altitudes(self, name: str) -> LeastAltitude:
         """Return the function that gives the minimum altitude of a new mission at points (n, 2)."""
@@ -121,9 +136,13 @@ class TrafficManager:
         return comes_too_low(left, self._tracks_below(name), self._separation_m)
 
     def _tracks_below(self, name: str) -> list[Track]:
-        """Return the tracks and positions of the vehicles in lower layers."""
+        """Return the tracks and positions of the vehicles in lower layers.
+
+        A vehicle to which a mission is being sent has two tracks.
+        """
         below = self._below[name]
-        tracks = [other.track for other in below if other.track is not None]
+        both = [track for other in below for track in (other.track, other.sent_track)]
+        tracks = [track for track in both if track is not None]
         places = [other.availability.fix for other in below if other.availability.airborne]
         fixes = [fix for fix in places if fix is not None]
         return [*tracks, places_of(fixes)] if fixes else tracks
@@ -142,6 +161,8 @@ class TrafficManager:
         own = self._all[name]
         fix = own.availability.fix
         assert fix is not None
+        if fix.at_s < own.unable_until_s:
+            return None
         if own.gave_way_to is not None and self._is_passing(own, self._all[own.gave_way_to]):
             return own.gave_way_to
         others = (each for each in self._all if each != name)
@@ -159,6 +180,15 @@ class TrafficManager:
             own.waits_since_s = fix.at_s
         return own.gave_way_to
 
+    def end_giving_way(self, name: str) -> None:
+        """End the giving way of a vehicle to which another command was sent."""
+        self._all[name].gave_way_to = None
+
+    def on_unable(self, name: str, at_s: float) -> None:
+        """Record that closed airspace prevents a vehicle from giving way: the others give way."""
+        self.end_giving_way(name)
+        self._all[name].unable_until_s = at_s + UNABLE_FOR_S
+
     def _is_passing(self, own: Flown, other: Flown) -> bool:
         fixes = _reported_fixes(own, other)
         if fixes is None or fixes[0].at_s - own.waits_since_s > WAITS_AT_MOST_S:
@@ -171,22 +201,25 @@ class TrafficManager:
     def _has_right_of_way(self, name: str, other_name: str) -> bool:
         own, other = self._all[name], self._all[other_name]
         fixes = _reported_fixes(own, other)
-        if fixes is None or other.gave_way_to == name or self._are_in_layers(own, other):
+        if fixes is None or self._are_in_layers(own, other):
             return False
         fix, other_fix = fixes
+        waits_for = _waits_for(other, fix.at_s)
+        if waits_for == name:
+            return False
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
         descent_m = self._descent_above(fix, other)
         if descent_m is not None:
             apart_m = _path_ahead(own, fix)[:, None] - descent_m
             near_m = self._separation_m + turn_m
             return bool(np.hypot(apart_m[..., 0], apart_m[..., 1]).min() < near_m)
-        if other.gave_way_to is not None and other.waits_at is not None:
+        if waits_for is not None and other.waits_at is not None:
             x_m, y_m = other.waits_at[0]
             other_fix = replace(other_fix, x_m=x_m, y_m=y_m, east_m_s=0.0, north_m_s=0.0)
             turn_m += other.section.loiter_radius_m / 2.0
         if not is_near(fix, other_fix, self._separation_m, turn_m):
             return False
-        unable = not other.availability.flies or other.gave_way_to is not None
+        unable = waits_for is not None or not _is_able(other, fix.at_s)
         return unable or gives_way(fix, other_fix, other_name in self._earlier[name])
 
     def _descent_above(self, fix: PositionFix, other: Flown) -> Floats | None:
@@ -245,6 +278,18 @@ class TrafficManager:
                 return f"{other.section.name} {why}"
         own.started_at_s = at_s
         return ""
+
+
+def _is_able(own: Flown, at_s: float) -> bool:
+    """Return whether a vehicle can give way: it flies its missions, and no hold is ordered."""
+    follows = own.availability.flies and not own.availability.hold_is_ordered
+    return follows and at_s >= own.unable_until_s
+
+
+def _waits_for(own: Flown, at_s: float) -> str | None:
+    """Return the vehicle to which a vehicle gives way at this time, if any."""
+    waits = _is_able(own, at_s) and at_s - own.waits_since_s <= WAITS_AT_MOST_S
+    return own.gave_way_to if waits else None
 
 
 def _path_ahead(own: Flown, fix: PositionFix) -> Floats:

@@ -1,6 +1,7 @@
 """Separation of vehicles: layers above other missions, giving way, takeoffs."""
 
 import math
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -15,7 +16,14 @@ from mission_service.commands import (
 )
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
-from mission_service.events import Telemetry, UploadFinished, VehicleConnected
+from mission_service.events import (
+    AnyEvent,
+    ModeChanged,
+    OrderGiven,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+)
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.missions.from_path import mission_along
 from mission_service.missions.landing_mission import landing_mission
@@ -172,6 +180,7 @@ class Flight:
     def __init__(self, scenario: Scenario, land: Landscape) -> None:
         self.core, self.land, self.scenario = Core(scenario, land), land, scenario
         self.at_s = scenario.deploy_at_s
+        self.fails: list[str] = []  # reasons of uploads that fail once
         for vehicle in scenario.vehicles:
             self.core.handle(VehicleConnected(self.at_us, vehicle.name, "a stack", True))
 
@@ -190,8 +199,11 @@ class Flight:
         commands = self.core.handle(report)
         for command in commands:
             if isinstance(command, UploadMission):
-                done = UploadFinished(self.at_us, name, command.mission_id, "accepted", "")
+                fails = command.why in self.fails
+                outcome: Literal["failed", "accepted"] = "failed" if fails else "accepted"
+                done = UploadFinished(self.at_us, name, command.mission_id, outcome, "")
                 commands = [*commands, *self.core.handle(done)]
+                self.fails = [why for why in self.fails if why != command.why]
         return commands
 
     def at_home(self, name: str, height_m: float = 0.0, east_m: float = 0.0) -> list[AnyCommand]:
@@ -265,3 +277,138 @@ def test_giving_way_waits_for_no_approval(land: Landscape) -> None:
     withdrawn = [each.mission_id for each in before if isinstance(each, WithdrawMission)]
     assert withdrawn
     assert set(withdrawn) <= set(proposed)
+
+
+class HeadOn(Flight):
+    """Two vehicles in one layer that fly at each other; ``sent`` maps a vehicle to its missions."""
+
+    def __init__(self, land: Landscape, *settings: str) -> None:
+        layers = ("vehicles.0.altitude_agl_m=150", "vehicles.1.altitude_agl_m=150")
+        super().__init__(load_scenario("team", (*layers, *settings)), land)
+        self.sent: dict[str, list[tuple[float, str]]] = {"hawk": [], "kite": [], "swift": []}
+
+    def moves(self, name: str, east_m: float, east_m_s: float) -> None:
+        """Report a vehicle's position east of the place of the encounter."""
+        x_m, y_m = self.land.west_m + 2000.0, self.land.north_m - 1000.0
+        commands = self.at(name, x_m + east_m, y_m, (east_m_s, 0.0), 150.0)
+        self.sent[name] += [(self.at_s, why) for why in reasons(commands)]
+
+    def flies(self, seconds: int, *names: str) -> None:
+        """Fly the named vehicles at each other for a time, from 900 m apart."""
+        for second in range(seconds):
+            self.at_s += 1.0
+            for name, side in (("hawk", -1.0), ("kite", 1.0)):
+                if name in names:
+                    self.moves(name, side * (450.0 - 15.0 * second), -15.0 * side)
+
+    def gave_way(self, name: str, other: str) -> list[float]:
+        """Return the times at which a vehicle gave way to another one."""
+        return [at_s for at_s, why in self.sent[name] if why == f"give way to {other}"]
+
+
+def test_giving_way_is_repeated_after_a_failed_upload(land: Landscape) -> None:
+    flight = HeadOn(land)
+    flight.fails = ["give way to hawk"]
+    flight.flies(30, "hawk", "kite")
+    first_s, again_s = flight.gave_way("kite", "hawk")
+    assert again_s - first_s <= 6.0
+    assert not flight.gave_way("hawk", "kite")
+
+
+def test_another_vehicle_gives_way_if_closed_airspace_prevents_it(
+    land: Landscape, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = HeadOn(land)
+    checked = flight.core.airspace.checked
+
+    def withheld(commands: list[AnyCommand], at_s: float, accepted: bool) -> list[AnyCommand]:
+        """Withhold a mission as the airspace guard does."""
+        if "give way to hawk" in reasons(commands):
+            flight.core.vehicles["kite"].drop_upload()
+            return []
+        return checked(commands, at_s, accepted)
+
+    monkeypatch.setattr(flight.core.airspace, "checked", withheld)
+    flight.flies(30, "hawk", "kite")
+    assert not flight.gave_way("kite", "hawk")
+    assert len(flight.gave_way("hawk", "kite")) == 1
+
+
+def stopped(flight: HeadOn, how: str) -> AnyEvent:
+    """Return the event after which kite no longer flies its missions."""
+    if how == "pilot":
+        return ModeChanged(flight.at_us, "kite", 0, True, "manual")
+    return OrderGiven(flight.at_us, "op", "", "kite", how)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("how", ["hold", "return", "pilot"])
+@pytest.mark.parametrize("waits_s", [0, 600])
+def test_a_vehicle_that_has_given_way_and_is_stopped_is_avoided(
+    land: Landscape, how: str, waits_s: int
+) -> None:
+    flight = HeadOn(land)
+    flight.flies(8, "hawk", "kite")
+    assert flight.gave_way("kite", "hawk")
+    flight.core.handle(stopped(flight, how))
+    for _ in range(waits_s):
+        flight.at_s += 1.0
+        flight.moves("kite", 330.0, -0.1)
+    for second in range(20):
+        flight.at_s += 1.0
+        flight.moves("kite", 330.0, -0.1)
+        flight.moves("hawk", -330.0 + 15.0 * second, 15.0)
+    assert flight.gave_way("hawk", "kite")
+
+
+def test_a_third_vehicle_avoids_a_held_vehicle_at_its_position(land: Landscape) -> None:
+    """Not at the place where it would have waited."""
+    flight = HeadOn(land, "vehicles.2.altitude_agl_m=150")
+    flight.flies(8, "hawk", "kite")
+    flight.core.handle(stopped(flight, "hold"))
+    for second in range(20):
+        flight.at_s += 1.0
+        flight.moves("kite", 330.0, -0.1)
+        flight.moves("swift", 900.0 - 15.0 * second, -15.0)
+    assert flight.gave_way("swift", "kite")
+
+
+def test_a_rejected_mission_does_not_replace_the_track_on_board(land: Landscape) -> None:
+    """The lower vehicle stays on its mission, which climbs over a hill on its way."""
+    scenario = load_scenario("team")
+    low, high = scenario.vehicles[:2]
+    states = {each.name: VehicleAvailability() for each in scenario.vehicles}
+    traffic = TrafficManager(scenario, land, states)
+    centre = np.array([land.west_m + 3000.0, land.north_m - 3000.0])
+    on_board = mission_along(centre + np.array([(0.0, 0.0), (800.0, 0.0)]), True, low, land, False)
+    rejected = mission_along(centre - np.array([(0.0, 0.0), (800.0, 0.0)]), True, low, land, False)
+    places = track_of(on_board, land, 90.0).points_m
+    traffic.on_mission(low.name, 1, on_board)
+    traffic.on_outcome(low.name, 0, 1)
+    least_m = traffic.min_altitudes(high.name)(places)
+    assert np.isfinite(least_m).all()
+    traffic.on_mission(low.name, 2, rejected)
+    traffic.on_outcome(low.name, 2, 1)
+    assert (traffic.min_altitudes(high.name)(places) >= least_m).all()  # both while it is sent
+    traffic.on_outcome(low.name, 0, 1)
+    assert (traffic.min_altitudes(high.name)(places) == least_m).all()
+    traffic.on_mission(low.name, 3, rejected)
+    traffic.on_outcome(low.name, 0, 3)
+    assert not np.isfinite(traffic.min_altitudes(high.name)(places)).all()
+
+
+def test_a_mission_keeps_clear_of_the_track_on_board_after_a_rejected_upload(
+    land: Landscape,
+) -> None:
+    flight = HeadOn(land, "vehicles.2.altitude_agl_m=200")
+    flight.flies(5, "hawk", "kite")
+    accepted, traffic = flight.core.vehicles["kite"].accepted, flight.core.traffic
+    assert accepted is not None
+    traffic.forget("hawk")  # it flies to the same fire
+    places = np.array(accepted.line.segmentize(50.0).coords)[5:]
+    least_m = traffic.min_altitudes("swift")(places)
+    assert np.isfinite(least_m).all()
+    flight.fails = ["give way to hawk"]
+    flight.flies(8, "hawk", "kite")
+    assert flight.gave_way("kite", "hawk")
+    assert not flight.fails
+    assert (traffic.min_altitudes("swift")(places) >= least_m).all()

@@ -7,7 +7,13 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import REJECTED, Announce, AnyCommand, UploadMission
+from mission_service.commands import (
+    REJECTED,
+    Announce,
+    AnyCommand,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
     TUNED,
@@ -17,6 +23,7 @@ from mission_service.events import (
     OperatorEvent,
     Resumed,
     SettingsChanged,
+    UploadFinished,
     VehicleEvent,
 )
 from mission_service.guidance.front.islam_hu_planner import PerimeterPlanner
@@ -36,6 +43,7 @@ from mission_service.guidance.team.team_size import CoverageTargets, TeamSizeAdv
 from mission_service.missions.first_mission import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import PositionFix
+from mission_service.vehicles.availability import LEADS_TO
 from mission_service.vehicles.first_climb import with_first_climb
 from mission_service.vehicles.home_altitude import landing_items
 from mission_service.vehicles.missions_sent import MissionsSent
@@ -70,6 +78,8 @@ class FrontFlight(Guidance):
         self._watch = FrontMonitor(self.planners, landscape.cell_size_m)
         self._renewal = Renewal(scenario.mission, traffic)
         self._sent_along: dict[str, Floats] = {}  # paths set by ``send_to``
+        self._give_way_ids: dict[str, int] = {}  # numbers of the last missions that give way
+        self._asked = ""  # the vehicle to which this event sends such a mission
         self._adviser = TeamSizeAdviser(
             CoverageTargets(scenario.planner.max_revisit_s, scenario.planner.max_unseen_advance_m)
         )
@@ -165,13 +175,15 @@ class FrontFlight(Guidance):
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
         """Record missions sent; report when monitoring of a part of the front ends or resumes."""
+        names = vehicles if isinstance(event, OperatorEvent) else (event.vehicle,)
+        for name in names:
+            self._settle(vehicles[name], event, leaving)
         for command in leaving:
             if isinstance(command, UploadMission):
                 if command.lands:
                     self.traffic.on_landing(command.vehicle, command.items)
                 else:
-                    self.traffic.on_mission(command.vehicle, command.items)
-        names = vehicles if isinstance(event, OperatorEvent) else (event.vehicle,)
+                    self.traffic.on_mission(command.vehicle, command.mission_id, command.items)
         availability = {name: vehicle.availability for name, vehicle in vehicles.items()}
         commands = self._watch.standing_alarms() if isinstance(event, Resumed) else []
         relief = self.scenario.relief
@@ -181,6 +193,27 @@ class FrontFlight(Guidance):
             available &= not (vehicles[name].ordered or availability[name].on_ground)
             commands += self._watch.update(name, available, observes_front(event), availability)
         return commands
+
+    def _settle(self, vehicle: Vehicle, event: AnyEvent, leaving: list[AnyCommand]) -> None:
+        """Record the outcome of the last upload, and end giving way after other commands.
+
+        After a failed upload, the vehicle continues to give way: the upload is repeated.
+        """
+        name, way_id = vehicle.name, self._give_way_ids.get(vehicle.name)
+        unconfirmed = None if vehicle.unconfirmed is None else vehicle.unconfirmed.pending
+        pending, accepted = vehicle.pending or unconfirmed, vehicle.accepted
+        self.traffic.on_outcome(
+            name,
+            0 if pending is None else pending.mission_id,
+            0 if accepted is None else accepted.mission_id,
+        )
+        asked, self._asked = self._asked == name, ""
+        if asked and not any(_is_upload(each, name, way_id) for each in leaving):
+            self.traffic.on_unable(name, event.at_us / 1e6)
+        if isinstance(event, UploadFinished):
+            return
+        if any(_leads_away(each, name) and not _is_upload(each, name, way_id) for each in leaving):
+            self.traffic.end_giving_way(name)
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Return the commands to give way, or to replace the mission if necessary."""
@@ -199,10 +232,17 @@ class FrontFlight(Guidance):
             if waiting is not None:
                 vehicle.due = "the path is clear"
             return None
-        if other == waiting and not self.traffic.comes_too_low(vehicle.name):
-            return []
+        if other == waiting:
+            accepted, way_id = vehicle.accepted, self._give_way_ids.get(vehicle.name)
+            if accepted is None or accepted.mission_id != way_id:
+                if fix.at_s < vehicle.not_before_s:
+                    return []  # the upload has failed, and is repeated later
+            elif not self.traffic.comes_too_low(vehicle.name):
+                return []
         place = self.traffic.waits_at(vehicle.name)
-        return [self._upload(vehicle, place, fix, f"give way to {other}", keeps_apart=True)]
+        upload = self._upload(vehicle, place, fix, f"give way to {other}", keeps_apart=True)
+        self._give_way_ids[vehicle.name], self._asked = upload.mission_id, vehicle.name
+        return [upload]
 
     def _follow(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Return the upload of a new mission if the path of the current mission is outdated."""
@@ -269,6 +309,20 @@ class FrontFlight(Guidance):
             start_m=(fix.x_m, fix.y_m) if flies else None,
         )
         return with_first_climb(items, vehicle, self.landscape, fix)
+
+
+def _is_upload(command: AnyCommand, name: str, mission_id: int | None) -> bool:
+    """Return whether a command uploads the mission with a number to a vehicle."""
+    if not isinstance(command, UploadMission) or command.vehicle != name:
+        return False
+    return command.mission_id == mission_id
+
+
+def _leads_away(command: AnyCommand, name: str) -> bool:
+    """Return whether a command ends a vehicle's flight along the mission on board."""
+    if type(command) not in LEADS_TO or isinstance(command, StartMission):
+        return False
+    return command.vehicle == name
 
 
 def _takes_off(vehicle: Vehicle) -> bool:
