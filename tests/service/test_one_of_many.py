@@ -7,7 +7,15 @@ import pytest
 from click.testing import CliRunner
 
 from mission_service.cli.main import main
-from mission_service.commands import Announce, BroadcastMessage, Hold, StartMission, UploadMission
+from mission_service.commands import (
+    Announce,
+    BroadcastMessage,
+    Hold,
+    Orbit,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config.scenario import Scenario, load_scenario, one_of_many
 from mission_service.core.core import Core
 from mission_service.core.mission_starts import TAKEOFF_EVERY_S
@@ -36,16 +44,16 @@ from tests.service.test_gateway import Client, at
 S = 1_000_000
 
 
-def scenario(peer_messaging: bool = True) -> Scenario:
-    whole = load_scenario("virtual-agents", ("fire.initial_cells=50",))
+def scenario(peer_messaging: bool = True, *settings: str) -> Scenario:
+    whole = load_scenario("virtual-agents", ("fire.initial_cells=50", *settings))
     return one_of_many(whole, "crane", peer_messaging)
 
 
 class Flown:
     """The core of crane, with the vehicle in the air in its mission."""
 
-    def __init__(self, peer_messaging: bool = True) -> None:
-        self.scenario = scenario(peer_messaging)
+    def __init__(self, peer_messaging: bool = True, *settings: str) -> None:
+        self.scenario = scenario(peer_messaging, *settings)
         self.core = Core(self.scenario, landscape_of(self.scenario))
         self.home = self.scenario.flown[0]
         self.events: list[AnyEvent] = [
@@ -116,6 +124,43 @@ def test_without_contact_it_circles_on_where_it_is() -> None:
         assert crane.core.handle(crane.at(second, 0.006 + 15e-5 * second)) == []
     crane.core.handle(PeerLinkChanged(40 * S, "crane", True))
     assert crane.flies(40)
+
+
+def with_little_endurance() -> Flown:
+    crane = Flown(True, *(f"vehicles.{number}.endurance_s=2400" for number in range(8)))
+    crane.flies(9)
+    return crane
+
+
+def ordered_home(crane: Flown, *seconds: int) -> tuple[list[int], list[int]]:
+    """Circle far from home; return when the vehicle was guided home, and when Return was sent."""
+    guided_s, returns_s = [], []
+    for second in seconds:
+        commands = crane.core.handle(crane.at(second, 0.05))
+        if any(isinstance(each, Return) for each in commands):
+            returns_s.append(second)
+        if any(isinstance(each, Announce) and "guided home" in each.text for each in commands):
+            assert any(isinstance(each, Orbit) for each in commands)
+            guided_s.append(second)
+    return guided_s, returns_s
+
+
+def test_without_contact_the_autopilot_flies_it_home_as_soon_as_its_time_is_up() -> None:
+    crane = with_little_endurance()
+    crane.core.handle(PeerLinkChanged(1600 * S, "crane", False))
+    guided_s, (return_s,) = ordered_home(crane, *range(1600, 2000))
+    assert not guided_s
+    estimate = crane.core.vehicles["crane"].energy.estimate
+    assert estimate is not None
+    assert -estimate.time_on_task_s == pytest.approx(2000 - return_s, abs=3.0)
+
+
+def test_when_contact_is_lost_the_autopilot_flies_the_rest_of_the_way_home() -> None:
+    crane = with_little_endurance()
+    guided_s, returns_s = ordered_home(crane, *range(1600, 2000))
+    assert (len(guided_s), returns_s) == (1, [])
+    crane.core.handle(PeerLinkChanged(2000 * S, "crane", False))
+    assert ordered_home(crane, *range(2000, 2010)) == ([], [2000])
 
 
 def test_each_has_its_time_to_take_off() -> None:

@@ -320,21 +320,26 @@ class FormationFlight(Guidance):
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Return the commands with which the agent guides a vehicle home.
 
-        The result is None if the vehicle is near home, if the agent's time limit has passed, or if
-        the agent has not taken control.
+        The result is None if the vehicle is near home, if the agent's time limit has passed, if the
+        agent has not taken control, or without contact to the other processes.
         """
         state = self._states[vehicle.name]
         away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)
-        if away_m < HOME_WITHIN_M or not state.taken_over:
+        leads = state.guided and state.taken_over and self._in_contact
+        if away_m < HOME_WITHIN_M or not leads:
             return None
         if not vehicle.going_home:
-            vehicle.going_home = True
+            vehicle.going_home, state.led_home = True, False
             slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
             state.goes_home_until_s = fix.at_s + away_m / slow_m_s
             self.formation.members[vehicle.name].agent.go_home(*vehicle.home_m)
-            words = "flight time is nearly used up: guided home"
-            return [announce(vehicle, words), *self.lead(vehicle, fix)]
-        return self.lead(vehicle, fix) if fix.at_s < state.goes_home_until_s else None
+        elif fix.at_s >= state.goes_home_until_s:
+            return None
+        orders = self.lead(vehicle, fix)
+        if state.led_home or not orders:
+            return orders
+        state.led_home = True
+        return [announce(vehicle, "flight time is nearly used up: guided home"), *orders]
 
     def _takes_over(self, vehicle: Vehicle, state: OrderState, fix: PositionFix) -> bool:
         """Return whether the agent takes control: when the vehicle is clear of home and terrain."""

@@ -28,6 +28,7 @@ class OrderState:
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
     goes_home_until_s: float = math.inf  # time at which the agent's guidance home ends
+    led_home: bool = False  # whether an order that leads home was sent
     sending: Circle | None = None  # final circle of a mission being uploaded
     loiter: Circle | None = None  # final circle of the mission on board
 
