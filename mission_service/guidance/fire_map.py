@@ -88,6 +88,8 @@ class FireMap:
         ignited_at_s: float,
         baseline_s: float,
     ) -> None:
+        if not np.isfinite([centre_row, centre_col]).all():
+            raise ValueError(f"a fire map needs a finite centre, not {centre_row}, {centre_col}")
         self.shape = shape
         self.centre_row = centre_row
         self.centre_col = centre_col
@@ -133,7 +135,8 @@ class FireMap:
         )
         self.burned[not_burned] = still_burned[not_burned]
         for front in (self.outer, self.inner, self._next_inner):
-            front[not_burned] = np.fmin(front[not_burned], still_burned[not_burned])
+            # A front that has not been seen (NaN) stays unseen.
+            front[not_burned] = np.minimum(front[not_burned], still_burned[not_burned])
         self.add_window(row, col, window, at_s)
 
     def _visit(self, seen: Floats, in_view: NDArray[np.bool_], at_s: float) -> None:

@@ -13,6 +13,7 @@ from mission_service.guidance.fire_map import (
     fill_circular,
     front_in_window,
 )
+from mission_service.guidance.front.first_lap import recentred_map
 
 
 def disc(radius: float, size: int = 61) -> np.ndarray:
@@ -119,3 +120,28 @@ def test_a_flank_that_runs_outwards_is_no_island() -> None:
     strip = FireMap((60, 60), 50.0, 30.0, 0.0, 600.0)
     assert strip.add_window(0, 0, cells, 100.0)[:12].all()
     assert (np.diff(strip.outer[3:12]) <= 0.0).all()
+
+
+def test_a_correction_before_the_first_view_shows_no_front() -> None:
+    seen = fresh_map()
+    seen.correct_window(25, 25, np.full((11, 11), UNBURNED, np.uint8), 100.0)
+    assert np.isnan(seen.outer).all()
+    assert np.isnan(seen.outer_at_s).all()
+    assert not seen.burned.any()
+    seen.add_window(0, 0, disc(15.0), 600.0)
+    assert seen.complete
+
+
+def test_a_map_around_a_single_burned_cell_keeps_its_centre() -> None:
+    views = [(0, 0, disc(0.5), 600.0 + second) for second in range(3)]
+    seen = fresh_map()
+    for view in views:
+        seen.add_window(*view)
+    renewed, in_view = recentred_map(seen, views)
+    assert (renewed.centre_row, renewed.centre_col) == (30.0, 30.0)
+    assert in_view.any()
+
+
+def test_a_map_has_a_finite_centre() -> None:
+    with pytest.raises(ValueError, match="centre"):
+        FireMap((61, 61), float("nan"), 30.0, 0.0, 300.0)

@@ -43,19 +43,27 @@ def look(
     return Observed(round(at_s * 1e6), name, top, left, tuple("".join(line) for line in codes))
 
 
-def fly(
-    site: Site, rule: str
-) -> tuple[dict[str, Planner], list[tuple[float, str, bool]], list[float]]:
-    """Fly all vehicles on their paths; return planners, decisions, and distances to the front."""
-    scenario, landscape, arrival_s = site
-    settings = scenario.planner.model_copy(update={"rule": rule})
-    core = Core(scenario.model_copy(update={"planner": settings}), landscape)
-    planners = cast(dict[str, Planner], core.guidance.planners)
+def planners_of(
+    site: Site, rule: str, **settings: object
+) -> tuple[dict[str, Planner], NDArray[np.float64]]:
+    """Return the planners of a rule, and the position at which the fire was reported."""
+    scenario, landscape, _ = site
+    planner = scenario.planner.model_copy(update={"rule": rule, **settings})
+    core = Core(scenario.model_copy(update={"planner": planner}), landscape)
     ignition = scenario.ignition[0]
     assert ignition.lat_deg is not None
     assert ignition.lon_deg is not None
     xy = landscape.xy_of_lat_lon(ignition.lat_deg, ignition.lon_deg)
-    fire_place = np.array(landscape.row_col_of(*xy))
+    place = np.array(landscape.row_col_of(*xy))
+    return cast(dict[str, Planner], core.guidance.planners), place
+
+
+def fly(
+    site: Site, rule: str
+) -> tuple[dict[str, Planner], list[tuple[float, str, bool]], list[float]]:
+    """Fly all vehicles on their paths; return planners, decisions, and distances to the front."""
+    arrival_s = site[2]
+    planners, fire_place = planners_of(site, rule)
     places = {name: fire_place + np.array([-20.0, 4.0 * n]) for n, name in enumerate(planners)}
     decisions, off_front = [], []
     for at_s in np.arange(FROM_S, TO_S, STEP_S).tolist():
@@ -87,3 +95,26 @@ def test_a_rule_finds_the_fire_and_follows_its_front(site: Site, rule: str) -> N
 
 def test_a_team_decides_the_same_on_the_same(site: Site) -> None:
     assert fly(site, "team.predictive")[1] == fly(site, "team.predictive")[1]
+
+
+@pytest.mark.parametrize("rule", [*PLANNERS, *RULES])
+def test_a_rule_flies_around_a_single_burned_cell_of_unknown_ignition(
+    site: Site, rule: str
+) -> None:
+    """Such a front has no area, so that the map keeps its centre."""
+    ignition = site[0].ignition[0]
+    reported = {"reported_lat_deg": ignition.lat_deg, "reported_lon_deg": ignition.lon_deg}
+    planners, (fire_row, fire_col) = planners_of(site, rule, ignition_known=False, **reported)
+    top, left = round(fire_row) - 12, round(fire_col) - 12
+    cells = ("u" * 25,) * 12 + ("u" * 12 + "b" + "u" * 12,) + ("u" * 25,) * 12
+    for second in range(0, 800, 5):
+        at_s = FROM_S + second
+        for number, (name, planner) in enumerate(planners.items()):
+            angle_deg = second * (1 if planner.clockwise else -1) + 120.0 * number
+            row = top + 12.0 - 8.0 * float(np.cos(np.deg2rad(angle_deg)))
+            col = left + 12.0 + 8.0 * float(np.sin(np.deg2rad(angle_deg)))
+            planner.observe(Observed(round(at_s * 1e6), name, top, left, cells))
+            planner.at(row, col, at_s)
+            if planner.phase != "approach":
+                assert np.isfinite(planner.path(row, col)).all()
+    assert {planner.phase for planner in planners.values()} == {"monitor"}

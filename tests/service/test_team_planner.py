@@ -113,6 +113,16 @@ def test_a_lap_of_its_own_ends_the_survey_though_bearings_are_unseen() -> None:
     assert team.surveyed
 
 
+def test_a_correction_before_the_first_view_does_not_end_the_lap() -> None:
+    team = team_of(ScriptedRule(), "a", "b", centre=CENTRE - RADIUS - 10.0)
+    window = ("u" * 9,) * 9
+    corner = round(CENTRE - RADIUS - 10.0) - 4
+    team.member("a").correct(Observed(round(990e6), "a", corner, corner, window, corrects=True))
+    fly(team, "a", 0, 20, 1000.0)
+    assert team.member("a").phase == "initial circle"
+    assert not team.map.complete
+
+
 def test_the_ring_is_the_front_in_metres() -> None:
     rule = ScriptedRule()
     team = team_of(rule, "a", "b")

@@ -20,6 +20,7 @@ Booleans = NDArray[np.bool_]
 
 PATH_SMOOTHING_DEG = 2
 WIDEST_GAP_DEG = 3
+MIN_AREA_CELLS = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,10 +134,15 @@ def path_along(
 
 
 def centre_of_area(outer: Floats, centre_row: float, centre_col: float) -> tuple[float, float]:
-    """Return the centroid (row, col) of the polygon described by ``outer`` (360)."""
+    """Return the centroid (row, col) of the polygon described by ``outer`` (360).
+
+    A polygon without area, such as a front within one cell, has the given centre.
+    """
     north, east = outer * NORTH, outer * EAST
     cross = north * np.roll(east, -1) - np.roll(north, -1) * east
-    area = cross.sum() / 2.0
+    area = float(cross.sum()) / 2.0
+    if not abs(area) > MIN_AREA_CELLS:  # also if the front is unseen
+        return centre_row, centre_col
     mean_north = ((north + np.roll(north, -1)) * cross).sum() / (6.0 * area)
     mean_east = ((east + np.roll(east, -1)) * cross).sum() / (6.0 * area)
     return centre_row - float(mean_north), centre_col + float(mean_east)
