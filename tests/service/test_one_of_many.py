@@ -9,7 +9,9 @@ from click.testing import CliRunner
 from mission_service.cli.main import main
 from mission_service.commands import (
     Announce,
+    AnyCommand,
     BroadcastMessage,
+    ChangeSpeed,
     Hold,
     Orbit,
     Return,
@@ -23,6 +25,7 @@ from mission_service.errors import ScenarioError
 from mission_service.events import (
     Aborted,
     AnyEvent,
+    CommandFinished,
     MissionRequested,
     ModeChanged,
     OrderGiven,
@@ -161,6 +164,29 @@ def test_when_contact_is_lost_the_autopilot_flies_the_rest_of_the_way_home() -> 
     assert (len(guided_s), returns_s) == (1, [])
     crane.core.handle(PeerLinkChanged(2000 * S, "crane", False))
     assert ordered_home(crane, *range(2000, 2010)) == ([], [2000])
+
+
+def test_an_orbit_that_closed_airspace_withholds_is_not_counted_as_ordered(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    crane, tried_s = Flown(), []
+    checked = crane.core.airspace.checked
+
+    def withheld(commands: list[AnyCommand], at_s: float, accepted: bool) -> list[AnyCommand]:
+        """Withhold the first orbit, as the airspace guard does."""
+        if any(isinstance(each, Orbit) for each in commands):
+            tried_s.append(at_s)
+        orbits = (Orbit,) if len(tried_s) == 1 else ()
+        return checked([each for each in commands if not isinstance(each, orbits)], at_s, accepted)
+
+    monkeypatch.setattr(crane.core.airspace, "checked", withheld)
+    orbits_s = []
+    for second in range(9, 40):
+        commands = crane.core.handle(crane.at(second, 0.02))
+        orbits_s += [second for each in commands if isinstance(each, Orbit)]
+        if any(isinstance(each, ChangeSpeed) for each in commands):
+            crane.core.handle(CommandFinished(second * S, "crane", "change speed", True, ""))
+    assert orbits_s[0] - tried_s[0] <= 5.0
 
 
 def test_each_has_its_time_to_take_off() -> None:

@@ -11,6 +11,7 @@ of command.
 """
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
+    ORDER_NAMES,
     REJECTED,
     Announce,
     AnyCommand,
@@ -28,6 +30,7 @@ from mission_service.commands import (
 from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
+    AnyEvent,
     AnyOperatorEvent,
     CommandFinished,
     LinkLost,
@@ -102,6 +105,7 @@ class FormationFlight(Guidance):
         self.planners = self.formation.members
         self._missions = missions
         self._states = {section.name: OrderState() for section in scenario.vehicles}
+        self._ordered_to = ""  # the vehicle to which this event gives an order
         self._rejected_senders: set[str] = set()
         self._in_contact = (
             not scenario.formation.peer_messaging
@@ -178,16 +182,33 @@ class FormationFlight(Guidance):
     def _finished(self, state: OrderState, event: CommandFinished, at_s: float) -> None:
         if event.command != state.order:
             return
-        state.order = ""
         if event.accepted:
-            return
-        match event.command:
+            state.order = ""
+        else:
+            self._refused(state, at_s)
+
+    def _refused(self, state: OrderState, at_s: float) -> None:
+        """Record that the pending order was refused or not sent; it is repeated later."""
+        order, state.order = state.order, ""
+        match order:
             case "orbit":
                 state.circle, state.orbit_at_s = None, at_s + RETRY_AFTER_S - ORBIT_EVERY_S
             case "change speed":
                 state.airspeed_m_s, state.speed_at_s = None, at_s + RETRY_AFTER_S
             case _:
                 state.start_not_before_s = at_s + 2.0 * RETRY_AFTER_S
+
+    def further_commands(
+        self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
+    ) -> list[AnyCommand]:
+        """Treat an order that was withheld, for example by closed airspace, as refused."""
+        name, self._ordered_to = self._ordered_to, ""
+        if name:
+            state = self._states[name]
+            sent = [ORDER_NAMES.get(type(each)) for each in leaving if each.vehicle == name]
+            if state.order and state.order not in sent:
+                self._refused(state, event.at_us / 1e6)
+        return []
 
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged, at_s: float) -> None:
         state = self._states[vehicle.name]
@@ -315,6 +336,7 @@ class FormationFlight(Guidance):
             commands.append(StartMission(vehicle.name))
         else:
             commands += self._speed(vehicle, intention, fix, near)
+        self._ordered_to = vehicle.name if commands else ""
         return [*commands, *self._renew(vehicle, state, fix)]
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
