@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from mission_service.cli.options import JSON, OUT_FOLDER
-from mission_service.cli.output_folder import results_in
+from mission_service.cli.output_folder import refuse_run_folder, results_in
 
 DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
 MAX_MISSIONS = 10  # more missions are summarised in one line
@@ -103,6 +103,7 @@ def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> N
     from mission_service.replay.flights.journal_log import open_flight
 
     check_libraries(formats)
+    refuse_run_folder(out, logs)
     opened = [open_flight(path) for path in logs]
     try:
         with results_in(out, "repeat the command") as made:

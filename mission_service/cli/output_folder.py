@@ -1,7 +1,7 @@
 """Creates the folder for a command's results, and checks that it is writable."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from itertools import chain, count
@@ -36,6 +36,28 @@ def output_folder(out: Path) -> Path:
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
     return out
+
+
+def refuse_run_folder(out: Path, sources: Iterable[Path]) -> None:
+    """Raise RequestError if ``out`` is the folder of a run that is one of the sources.
+
+    A source is a log, a journal or the folder of a run. A replay of a log may be repeated in the
+    log's folder.
+    """
+    from mission_service.errors import RequestError
+    from mission_service.journal.journal_file import begins_journal
+    from mission_service.replay.flights.journal_log import JOURNAL, journal_in
+    from mission_service.replay.flights.write_once_journal import is_of_replay
+
+    for source in map(journal_in, sources):
+        if out.resolve() != source.parent.resolve():
+            continue
+        beside = source.parent / JOURNAL
+        if begins_journal(source) or (begins_journal(beside) and not is_of_replay(beside)):
+            raise RequestError(
+                f"{out}: is the folder of the run, and its map.png would be replaced; choose "
+                "another --out"
+            )
 
 
 def new_folder(name: str, created: str, parent: Path = Path("out")) -> Path:

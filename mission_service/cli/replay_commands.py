@@ -18,7 +18,7 @@ from mission_service.cli.options import (
     report_options,
     seconds_option,
 )
-from mission_service.cli.output_folder import output_folder
+from mission_service.cli.output_folder import output_folder, refuse_run_folder
 from mission_service.runtime.clocks import now_text
 
 if TYPE_CHECKING:
@@ -133,6 +133,9 @@ def replay(words: tuple[str, ...], **values: Any) -> None:
     if options.verify:
         _verify(journal_in(Path(words[0])), options.stages, options.as_json)
         return
+    if options.out is not None:
+        logs = words[:1] if options.changes else words
+        refuse_run_folder(options.out, [path_of(word) for word in logs])
     if options.changes:
         if options.out is None:
             raise click.UsageError("--what-if needs --out DIR")

@@ -20,7 +20,7 @@ from mission_service.cli.options import (
     refuse_given,
     seconds_option,
 )
-from mission_service.cli.output_folder import output_folder, results_in
+from mission_service.cli.output_folder import output_folder, refuse_run_folder, results_in
 
 
 @click.command()
@@ -64,6 +64,7 @@ def report(
 
     words = [[run] if Path(run).exists() else run.split("+") for run in runs]
     names = distinct([run_name([path_of(log) for log in each]) for each in words])
+    refuse_run_folder(out, [path_of(word) for each in words for word in each])
     flights = [flight_of(each) for each in words]
     if scenario is None:
         refuse_given("at_s", "overrides", reason="without --scenario")
@@ -133,11 +134,7 @@ def products(
             f"{source}: contains no {journal.name}; specify the folder or the journal of run, "
             "demo, sim or replay"
         )
-    if out.resolve() == journal.parent.resolve():
-        raise RequestError(
-            f"{out}: is the folder of the run, and its map.png would be replaced; choose another "
-            "--out"
-        )
+    refuse_run_folder(out, [journal])
     with results_in(out, "repeat the command") as made:
         incident = incident_in(journal, at_s, 3600.0 * forecast_h, time_zero)
         files = write_products(made, incident)

@@ -23,7 +23,7 @@ from autopilot_bridge.logs.entries import MissionLoaded, Outputs
 from autopilot_bridge.logs.reading import open_log
 from autopilot_bridge.vehicle.client_events import Attitude, Position, Wind
 from mission_service.replay.flights import table_files
-from mission_service.replay.flights.exports import export
+from mission_service.replay.flights.exports import WRITTEN, export
 from mission_service.replay.flights.flight_tables import OWN, TABLES, Rows
 from mission_service.replay.flights.foxglove import messages_of, mission_geojson, quaternion
 from tests.bridge.log_writers import BEGIN_US, bin_flight, dataflash, ulg_flight
@@ -77,7 +77,7 @@ def messages(path: Path) -> list[tuple[str, str, int, dict[str, Any]]]:
 def test_each_table_that_has_rows_is_a_csv(logs: list[Path], out: Path) -> None:
     files = exported(logs[:1], out, "csv")
     assert set(files) == {f"{table}.csv" for table in BIN_TABLES}
-    assert {path.name for path in out.iterdir()} == set(files)
+    assert {path.name for path in out.iterdir()} == {*files, WRITTEN}
     for table in BIN_TABLES:
         assert list(csv_rows(out / f"{table}.csv")[0]) == list(TABLES[table])
     first, *_, last = csv_rows(out / "attitudes.csv")
@@ -255,15 +255,18 @@ def test_only_what_is_asked_for_is_written(logs: list[Path], out: Path) -> None:
 
 
 def test_files_of_an_earlier_export_are_removed(logs: list[Path], out: Path) -> None:
-    (out / "notes.txt").write_text("mine")
+    mine = ("notes.txt", "hawk-mission-9.plan", "winds.csv")
+    out.mkdir(exist_ok=True)
+    for name in mine:
+        (out / name).write_text("mine")
     for log in logs:
         assert call("log", "export", str(log), "-o", str(out)).exit_code == 0
     alone = out.with_name("alone")
     assert call("log", "export", str(logs[1]), "-o", str(alone)).exit_code == 0
     names = {path.name for path in alone.iterdir()}
-    assert {path.name for path in out.iterdir()} == names | {"notes.txt"}
+    assert {path.name for path in out.iterdir()} == names.union(mine)
     call("log", "export", str(logs[0]), "-o", str(out), "--format", "kml")
-    assert {path.name for path in out.iterdir()} == names | {"notes.txt"}
+    assert {path.name for path in out.iterdir()} == names.union(mine)
 
 
 def test_a_log_without_a_vehicle_gets_one_line(tmp_path: Path) -> None:

@@ -356,6 +356,19 @@ def test_a_folder_without_a_journal_is_refused(tmp_path: Path) -> None:
     assert "contains no journal.jsonl" in done.output
 
 
+@pytest.mark.parametrize("command", ["replay", "report", "log export"])
+@pytest.mark.parametrize("by_folder", [True, False])
+def test_no_command_replaces_the_results_of_the_run_that_it_reads(
+    run: Path, command: str, by_folder: bool
+) -> None:
+    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    source = run if by_folder else run / "journal.jsonl"
+    done = CliRunner().invoke(main, [*command.split(), str(source), "--out", f"{run}/."])
+    assert done.exit_code == 1
+    assert "is the folder of the run, and its map.png would be replaced" in done.output
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+
+
 def test_the_folder_of_the_run_is_refused(run: Path) -> None:
     before = {path.name for path in run.iterdir()}
     arguments = ["products", str(run), "--out", str(run / "." / ".." / run.name)]

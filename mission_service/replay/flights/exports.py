@@ -22,6 +22,7 @@ from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import track_geojson
 
 PLAN = re.compile(r".+-mission-\d+\.plan")
+WRITTEN = ".log-export"  # lists the tables and missions that exports have written to a folder
 LIBRARIES = {"parquet": "pyarrow", "mcap": "mcap"}
 
 
@@ -41,7 +42,7 @@ def check_libraries(formats: Collection[str]) -> None:
 def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
     """Write tables, tracks, missions and MCAP in the requested formats; return the file names.
 
-    Tables and missions of an earlier export in these formats are removed from the folder ``out``.
+    Tables and missions that an earlier export in these formats has written to ``out`` are removed.
     Raises FlightError if no log contains a vehicle.
     """
     names: dict[tuple[int, int], str] = {}
@@ -70,9 +71,19 @@ def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
         files.append("flight.mcap")
     if "plan" in formats:
         files += _plans(flown, out)
-    for name in _names_in(out, formats).difference(files):
-        (out / name).unlink()
+    _remove_earlier(out, formats, files)
     return files
+
+
+def _remove_earlier(out: Path, formats: Collection[str], files: Collection[str]) -> None:
+    """Remove the files of earlier exports in these formats, and list those that now exist."""
+    listed = out / WRITTEN
+    earlier = set(listed.read_text(encoding="utf-8").splitlines()) if listed.is_file() else set()
+    for name in (_names_in(out, formats) & earlier).difference(files):
+        (out / name).unlink()
+    written = _names_in(out, (*WRITERS, "plan")) & earlier.union(files)
+    if written:
+        listed.write_text("\n".join(sorted(written)) + "\n", encoding="utf-8")
 
 
 def _names_in(out: Path, formats: Collection[str]) -> set[str]:

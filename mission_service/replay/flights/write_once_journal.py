@@ -53,10 +53,14 @@ class WriteOnceJournal(Journal):
         self._farthest = self.rest
 
 
+def is_of_replay(path: Path) -> bool:
+    """Return whether a file is the journal of a replay. Raises JournalError for a damaged one."""
+    return begins_journal(path) and REPLAY in SegmentReader(path).header
+
+
 def refuse_loss(path: Path, logs: Iterable[Path]) -> None:
     """Raise FlightError if ``path`` is one of the logs, or a file that no replay has written."""
     if not path.exists():
         return
-    of_replay = begins_journal(path) and REPLAY in SegmentReader(path).header
-    if not of_replay or any(path.samefile(each) for each in logs):
+    if not is_of_replay(path) or any(path.samefile(each) for each in logs):
         raise FlightError(f"{path}: already exists and would be overwritten; choose another --out")
