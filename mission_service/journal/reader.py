@@ -16,10 +16,8 @@ from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, cameras_of
 from mission_service.journal.journal_file import Entry, SegmentReader
-from mission_service.journal.segments import Chain, begin_state, journal_of
+from mission_service.journal.segments import Chain, begin_state, journal_of, lines_skipped
 from mission_service.journal.snapshot import Known, read
-
-SKIPPED = b'{"event":{"type":"LinesSkipped"'
 
 
 class JournalReader:
@@ -40,7 +38,7 @@ class JournalReader:
         self._instead = rule
         self.at: tuple[SegmentReader, Entry] | None = None  # the last entry read
         self.damaged = False
-        self.skipped = self._lines_skipped()
+        self.skipped = lines_skipped(self._lines())
 
     @property
     def segment(self) -> int:
@@ -101,19 +99,6 @@ class JournalReader:
             yield from self._chain.lines(self._chain.begin)
         else:
             yield from ((self.last, *line) for line in self.last.lines(self.last.begin))
-
-    def _lines_skipped(self) -> dict[tuple[int, int], str]:
-        """Return the reasons why restarts have skipped lines, by (segment, line)."""
-        found: dict[tuple[int, int], str] = {}
-        try:
-            for reader, number, body, intact in self._lines():
-                if intact and SKIPPED in body[:200]:
-                    content = reader.entry(number, body, intact).content
-                    if isinstance(content, LinesSkipped):
-                        found |= {(each[0], each[1]): each[2] for each in content.lines}
-        except JournalError:  # raised again by ``entries``
-            pass
-        return found
 
     def intact(self) -> Iterator[tuple[SegmentReader, Entry]]:
         """Yield ``entries``; for an altered line this also raises JournalError."""

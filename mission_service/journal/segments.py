@@ -8,11 +8,13 @@ journal-000002.state     the state at the beginning of segment 2 (segment 1 has 
 journal.state            the newest state; journal.earlier.state is the previous state
 """
 
+import contextlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from mission_service.errors import JournalError
+from mission_service.events import LinesSkipped
 from mission_service.journal.journal_file import (
     Entry,
     Rest,
@@ -23,6 +25,7 @@ from mission_service.journal.journal_file import (
 )
 from mission_service.journal.private_files import sync
 
+SKIPPED = b'{"event":{"type":"LinesSkipped"'
 NEVER_DELETED = 2  # number of segments: the segment being written, and the preceding segment
 
 
@@ -175,6 +178,20 @@ class Chain:
                 _check_continuation(before, reader)
             yield reader, place if reader.segment == place.segment else reader.begin
             before = reader
+
+
+def lines_skipped(
+    lines: Iterable[tuple[SegmentReader, int, bytes, bool]],
+) -> dict[tuple[int, int], str]:
+    """Return the reasons why restarts have skipped lines, by (segment, line)."""
+    found: dict[tuple[int, int], str] = {}
+    with contextlib.suppress(JournalError):  # raised again by a reader of all entries
+        for reader, number, body, intact in lines:
+            if intact and SKIPPED in body[:200]:
+                content = reader.entry(number, body, intact).content
+                if isinstance(content, LinesSkipped):
+                    found |= {(each[0], each[1]): each[2] for each in content.lines}
+    return found
 
 
 def _line_ends(path: Path, place: Rest) -> bool:

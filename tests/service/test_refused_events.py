@@ -34,6 +34,8 @@ from mission_service.journal.segments import newest_state
 from mission_service.journal.snapshot import Frozen, Known, copied, write
 from mission_service.live.daemon import replay
 from mission_service.live.interface_setup import request_handler_of
+from mission_service.replay.flights.batch import analysis_of
+from mission_service.replay.flights.flight_logs import flight_of
 from mission_service.replay.verification import in_text, verify
 from mission_service.runtime.engine import TRIED, Engine
 from mission_service.runtime.gateway import Gateway
@@ -426,4 +428,6 @@ def test_an_event_whose_handling_was_cut_off_is_skipped_without_a_request(
     skipped, _ = continued(path)
     assert len(skipped) == 1
     assert f"line {lines + 1} cannot be handled" in skipped[0]
+    (damage,) = analysis_of("run", flight_of([str(path)])).damage
+    assert damage.endswith(f"journal.jsonl, line {lines + 1}: was skipped by a restart")
     assert verify(path).difference is None

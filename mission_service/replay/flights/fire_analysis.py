@@ -4,6 +4,7 @@ A new core processes the events, so that the planners' estimates at each time ar
 fire is simulated again.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.events import (
     AnyEvent,
     FireReachedEdge,
+    LinesSkipped,
     LinkLost,
     Observed,
     OperatorEvent,
@@ -150,11 +152,10 @@ class _Analyser:
     def analyse(self) -> FireAnalysis:
         """Return the analysis of the whole journal."""
         at_us = self._due_us
-        for event in self._log.contents():
-            if not isinstance(event, AnyEvent):
-                continue
+        for event, recorded in self._steps():
             at_us = max(at_us, event.at_us)
             commands = self._core.handle(event)
+            commands = commands if recorded is None else recorded
             self._apply_to_fires(event, commands)
             self._analysis.record.apply(event, commands)
             self._note(event, commands)
@@ -164,6 +165,27 @@ class _Analyser:
         self._sample(at_us)
         self._compare(self._fire_at(at_us))
         return self._analysis
+
+    def _steps(self) -> Iterator[tuple[AnyEvent, list[AnyCommand] | None]]:
+        """Yield each event that no restart has skipped, and its commands, if they are not sure.
+
+        The commands of the journal are not sure between a skipped line and ``LinesSkipped``,
+        because the core's state may differ from that of the live run.
+        """
+        event: AnyEvent | None = None
+        commands: list[AnyCommand] | None = None
+        sure = True
+        for line, content in self._log.located():
+            sure = sure and line not in self._log.skipped
+            if isinstance(content, AnyEvent):
+                if event is not None:
+                    yield event, commands
+                sure = sure or isinstance(content, LinesSkipped)
+                event, commands = content, None if sure else []
+            elif content is not None and commands is not None:
+                commands.append(content)
+        if event is not None:
+            yield event, commands
 
     def _apply_to_fires(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         for each in fires_of_run(self._cameras, self._estimate):

@@ -32,7 +32,7 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.journal.journal_file import begins_journal
-from mission_service.journal.segments import Chain
+from mission_service.journal.segments import Chain, lines_skipped
 from mission_service.replay.flights.utc_time import unix_us
 from mission_service.replay.flights.write_once_journal import REPLAY
 
@@ -60,6 +60,11 @@ class JournalLog(Log):
     def scenario(self, rule: str | None = None) -> Scenario:
         """Return the recorded scenario, with another rule if one is given."""
         return recorded_scenario(self._recorded, self.path, rule)
+
+    @cached_property
+    def skipped(self) -> dict[tuple[int, int], str]:
+        """The reasons why restarts have skipped lines, by (segment, line)."""
+        return lines_skipped(self._chain.lines(self._chain.begin))
 
     @cached_property
     def _without_planner(self) -> Scenario:
@@ -101,16 +106,25 @@ class JournalLog(Log):
 
     def contents(self) -> Iterator[AnyEvent | AnyCommand]:
         """Yield events and commands in order; damaged lines are instead listed in ``damage``."""
+        return (content for _, content in self.located() if content is not None)
+
+    def located(self) -> Iterator[tuple[tuple[int, int], AnyEvent | AnyCommand | None]]:
+        """Yield ``contents`` with segment and line, and None for each altered or skipped line."""
         self.messages, self.damage = 0, []
+        skipped = self.skipped  # found first, because a segment has one reading position
         for reader in self._chain.readers:
             at_byte = reader.begin.at_byte
             try:
                 for number, body, intact in reader.lines(reader.begin):
                     self.messages += 1
-                    if intact:
-                        yield reader.entry(number, body, intact).content
+                    place = (reader.segment, number)
+                    if intact and place not in skipped:
+                        yield place, reader.entry(number, body, intact).content
                     else:
-                        why = f"{reader.path.name}, line {number}: its checksum does not match"
+                        yield place, None
+                        fault = "was skipped by a restart"
+                        fault = fault if intact else "its checksum does not match"
+                        why = f"{reader.path.name}, line {number}: {fault}"
                         self.damage.append(Damage(at_byte, reader.rest.at_byte - at_byte, why))
                     at_byte = reader.rest.at_byte
             except JournalError as error:  # a line after the end, or of an unknown kind
