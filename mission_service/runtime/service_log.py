@@ -67,12 +67,15 @@ async def log_announcements(context: RunContext) -> None:
 
 
 class LogFollower:
-    """A follower of the state view that logs each announcement and alarm once."""
+    """A follower of the state view that logs each announcement once, and changes of alarms.
+
+    An alarm is logged again when its severity changes.
+    """
 
     def __init__(self) -> None:
         self._log = logging.getLogger("mission_service.announcements")
         self._last_id = 0
-        self._alarms: set[str] = set()
+        self._severities: dict[str, str] = {}  # of the alarms that were logged, by key
 
     def catch_up(self, context: RunContext) -> None:
         """Log new announcements and changed alarms."""
@@ -84,11 +87,11 @@ class LogFollower:
             self._log.log(level, "%s: %s", line.vehicle, line.text, extra=extra)
         alarms = state_view.alarms
         for key, alarm in alarms.items():
-            if key not in self._alarms:
+            if alarm.severity != self._severities.get(key):
                 level = logging.ERROR if alarm.severity == "severe" else logging.WARNING
                 extra = {"alarm": key, "vehicle": alarm.vehicle, "at_us": alarm.at_us}
                 self._log.log(level, "alarm %s: %s", key, alarm.text, extra=extra)
-        for key in self._alarms - alarms.keys():
+        for key in self._severities.keys() - alarms.keys():
             extra = {"alarm": key, "at_us": state_view.at_us}
             self._log.info("alarm %s: cleared", key, extra=extra)
-        self._alarms = set(alarms)
+        self._severities = {key: alarm.severity for key, alarm in alarms.items()}

@@ -123,3 +123,16 @@ def test_announcements_from_before_a_restart_are_not_logged_again(tmp_path: Path
         service_log.LogFollower().catch_up(context)
     lines = [json.loads(line)["message"] for line in stream.getvalue().splitlines()]
     assert [line for line in lines if not line.startswith("alarm")] == ["hawk: read back"]
+
+
+def test_an_alarm_that_becomes_severe_is_logged_as_an_error(tmp_path: Path) -> None:
+    stream, follower = set_up("json"), service_log.LogFollower()
+    with context_after_a_flight(tmp_path) as context:
+        for severity in ("warning", "severe", "severe", "warning"):
+            context.state_view.alarm("energy/hawk", "hawk: energy", severity, "hawk")
+            follower.catch_up(context)
+        context.state_view.clear_alarm("energy/hawk")
+        follower.catch_up(context)
+    lines = [json.loads(line) for line in stream.getvalue().splitlines()]
+    found = [line["level"] for line in lines if line.get("alarm") == "energy/hawk"]
+    assert found == ["warning", "error", "warning", "info"]
