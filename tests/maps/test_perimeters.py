@@ -16,14 +16,18 @@ import shapely
 from pyproj import Proj
 
 from firemodel.errors import FireModelError
+from firemodel.landscape.flat import flat_landscape
+from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.rasters import read_landscape
 from mission_service import uploaded_shapes
+from mission_service.interfaces.maps.mercator import mercator_box, outline_of
 from mission_service.interfaces.maps.perimeter_export import perimeter_geojson
 from mission_service.interfaces.maps.perimeter_import import (
     LARGEST_BYTES,
     Perimeter,
     read_perimeter,
 )
+from mission_service.interfaces.maps.upload_worker import corrections_of
 from tests.maps.fires import NOW_S, fire, land
 from tests.maps.kml import perimeter_kml
 
@@ -415,3 +419,44 @@ def test_the_perimeters_flown_at_the_maria_fire() -> None:
     assert found.records[0]["created_unix_ms"] == 1_572_575_831_000  # 2019-11-01T02:37 UTC
     assert 3800.0 < found.area_ha < 4400.0  # 9,999 acres in the records of the fire
     assert any("21 different times" in note for note in found.notes)
+
+
+def across_180() -> Landscape:
+    """Return a landscape from longitude 179.95 to -179.97."""
+    return flat_landscape(300, 300, 30.0, -16.8, 179.99)
+
+
+def _square(west_deg: float, east_deg: float) -> dict[str, Any]:
+    return polygon(
+        [
+            [west_deg, -16.81],
+            [east_deg, -16.81],
+            [east_deg, -16.80],
+            [west_deg, -16.80],
+            [west_deg, -16.81],
+        ]
+    )
+
+
+def test_a_perimeter_across_the_antimeridian_is_one_area() -> None:
+    assert mercator_box(across_180())[2] - mercator_box(across_180())[0] < 20_000.0
+    halves = [_square(179.99, 180.0)["coordinates"], _square(-180.0, -179.995)["coordinates"]]
+    data = geojson({"type": "MultiPolygon", "coordinates": halves})
+    found = read_perimeter(data, "p.geojson", across_180())
+    assert found.notes == []
+    assert found.area.bounds == pytest.approx((179.99, -16.81, 180.005, -16.80))
+    assert len(found.area.geoms) == 1
+    (request,) = corrections_of(found, shapely.Polygon(outline_of(across_180())))
+    lons_deg = {round(lon_deg, 6) for _, lon_deg in request["points"]}
+    assert {179.99, -179.995} <= lons_deg
+    assert all(-180.0 <= each <= 180.0 for each in lons_deg)
+
+
+@pytest.mark.parametrize("west_deg", [179.97, -179.99])
+def test_a_perimeter_on_either_side_of_the_antimeridian_is_on_the_landscape(
+    west_deg: float,
+) -> None:
+    data = geojson(_square(west_deg, west_deg + 0.005))
+    assert read_perimeter(data, "p.geojson", across_180()).notes == []
+    with pytest.raises(FireModelError, match="lies outside the landscape"):
+        read_perimeter(geojson(_square(20.0, 20.1)), "p.geojson", across_180())

@@ -155,7 +155,7 @@ def land_of(context: RunContext) -> LandscapeExtent:
     rows, cols = land.shape
     ends = [(-0.5, -0.5), (-0.5, cols - 0.5), (rows - 0.5, cols - 0.5), (rows - 0.5, -0.5)]
     points = (land.lat_lon_of(*land.xy_of(row, col)) for row, col in ends)
-    corners = tuple((float(lon), float(lat)) for lat, lon in points)
+    corners = tuple((float(land.unwrapped_deg(lon)), float(lat)) for lat, lon in points)
     lons, lats = zip(*corners, strict=True)
     bounds = (min(lons), min(lats), max(lons), max(lats))
     return LandscapeExtent(bounds, corners, land.cell_size_m, rows, cols)

@@ -32,13 +32,16 @@ def lon_lat_of(x_m: Any, y_m: Any) -> tuple[Any, Any]:
 
 
 def outline_of(landscape: Landscape) -> Floats:
-    """Return (n, 2) longitudes and latitudes along a landscape's edge, clockwise from the NW."""
+    """Return (n, 2) longitudes and latitudes along a landscape's edge, clockwise from the NW.
+
+    Across the antimeridian, the longitudes continue beyond -180 or 180 degrees.
+    """
     rows, cols = landscape.shape
     along = np.linspace(0.0, 1.0, NODES)[:-1]
     row = np.concatenate([along * 0, along, along * 0 + 1, 1 - along]) * rows - 0.5
     col = np.concatenate([along, along * 0 + 1, 1 - along, along * 0]) * cols - 0.5
     lat, lon = landscape.lat_lon_of(*landscape.xy_of(row, col))
-    return np.stack([lon, lat], axis=1)
+    return np.stack([landscape.unwrapped_deg(lon), lat], axis=1)
 
 
 def mercator_box(landscape: Landscape) -> Box:

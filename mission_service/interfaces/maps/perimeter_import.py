@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 from pyproj import Geod
+from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
@@ -81,7 +82,10 @@ def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimet
 
 
 def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Perimeter:
-    """Return the result of ``read_perimeter``, for a landscape with this outline (lon, lat)."""
+    """Return the result of ``read_perimeter``, for a landscape with this outline (lon, lat).
+
+    The longitudes of the outline, and those of the perimeter, may continue beyond -180 or 180.
+    """
     name = printable(file_name)
     polygons, records, notes = [], [], []
     off: list[tuple[int, BaseGeometry]] = []
@@ -93,6 +97,7 @@ def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Peri
         notes += odd
         if area is None:
             continue
+        area = _turned(area, extent)
         if not area.intersects(extent):
             off.append((number, area))
             continue
@@ -117,6 +122,17 @@ def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Peri
     notes += _odd_times(records)
     vertices = int(shapely.get_num_coordinates(area))
     return Perimeter(area, area_m2(area) / 1e4, vertices, records, notes)
+
+
+def _turned(area: BaseGeometry, extent: BaseGeometry) -> BaseGeometry:
+    """Return polygons with each part shifted by full turns to the longitudes of the landscape."""
+    middle_deg, parts = extent.centroid.x, shapely.get_parts(area)
+    turns = [round((middle_deg - part.centroid.x) / 360.0) for part in parts]
+    if not any(turns):
+        return area
+    pairs = zip(parts, turns, strict=True)
+    shifted = [translate(part, 360.0 * turn) if turn else part for part, turn in pairs]
+    return multipolygon(shapely.union_all(shifted))
 
 
 def area_m2(area: Any) -> float:

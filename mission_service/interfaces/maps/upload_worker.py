@@ -101,7 +101,11 @@ def _area_within(shape: Any) -> float:
 def _correction(state: str, ring: Any) -> dict[str, Any]:
     points = [(lat, lon) for lon, lat in ring.coords[:-1]]
     request = {"do": "correct", "state": state, "shape": "polygon"}
-    return {**request, "points": thinned(points, MAX_POINTS)}
+    within = [
+        (lat, (lon + 180.0) % 360.0 - 180.0 if abs(lon) > 180.0 else lon)
+        for lat, lon in thinned(points, MAX_POINTS)
+    ]
+    return {**request, "points": within}
 
 
 def answer_to(job: Job | RasterJob) -> Done | RasterDone | Failed:
@@ -109,7 +113,11 @@ def answer_to(job: Job | RasterJob) -> Done | RasterDone | Failed:
     try:
         extent = shapely.Polygon(job.outline)
         if isinstance(job, RasterJob):
-            return RasterDone(read_raster(job.data, printable(job.file_name), extent.bounds))
+            west, south, east, north = extent.bounds
+            if west < -180.0 or east > 180.0:  # a raster is on one side of the antimeridian
+                west, east = -180.0, 180.0
+            bounds = (west, south, east, north)
+            return RasterDone(read_raster(job.data, printable(job.file_name), bounds))
         found = read_perimeter_in(job.data, job.file_name, extent)
         corrections = corrections_of(found, extent)
     except (FireModelError, BridgeError) as error:
