@@ -331,5 +331,5 @@ ORDER_NAMES: dict[type[AnyCommand], str] = {
     Orbit: "orbit",
     ChangeSpeed: "change speed",
     ClimbAndHold: "climb and hold",
-    HoldAt: "hold at",
+    HoldAt: "hold at another height",
 }

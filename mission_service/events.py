@@ -278,11 +278,12 @@ class MissionReadBack(Event, frozen=True, tag=True):
 
 
 class CommandFinished(Event, frozen=True, tag=True):
-    """The autopilot accepted or refused a command."""
+    """The autopilot accepted or refused a command, or a later order replaced the command."""
 
     command: str
     accepted: bool
     reason: str
+    replaced: bool = False
 
 
 class ModeChanged(Event, frozen=True, tag=True):

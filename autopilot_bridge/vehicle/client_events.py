@@ -239,13 +239,14 @@ class TransferFinished:
 
 @dataclass(frozen=True, slots=True)
 class CommandFinished:
-    """A sequence of commands has ended."""
+    """A sequence of commands has ended; ``replaced`` if a later order ended it."""
 
     at_us: int
     name: str
     accepted: bool
     reason: str
     command_id: int = 0
+    replaced: bool = False
 
 
 @dataclass(frozen=True, slots=True)

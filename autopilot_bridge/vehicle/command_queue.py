@@ -103,7 +103,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
     ) -> int:
         """Queue an order and return its id; an urgent order replaces all others."""
         if urgent:
-            self.end_all(f"{name} replaced it", now_us)
+            self.end_all(f"{name} replaced it", now_us, replaced=True)
         modes = tuple(mode for step in steps for mode in modes_of_step(step, stack))
         sequence = CommandSequence(
             *(name, target, steps, timing or self._timing, self._sent),
@@ -115,10 +115,11 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         self._modes[command_id] = modes
         return command_id
 
-    def end_all(self, reason: str, now_us: int) -> None:
-        """End all queued and active commands."""
+    def end_all(self, reason: str, now_us: int, replaced: bool = False) -> None:
+        """End all queued and active commands; ``replaced`` if an urgent order replaces them."""
         for command_id, sequence in self._queue:
-            self._report(CommandFinished(now_us, sequence.name, False, reason, command_id))
+            name = sequence.name
+            self._report(CommandFinished(now_us, name, False, reason, command_id, replaced))
         self._queue.clear()
         self._modes.clear()
         self._active = False

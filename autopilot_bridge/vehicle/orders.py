@@ -366,7 +366,7 @@ ORDERS = {
     "go around": Order(_of_stack(go_around), urgent=True, timing=AT_ONCE),
     "reposition": Order(_of_stack(reposition)),  # lat_deg, lon_deg, altitude_amsl_m
     # Like "reposition", but before all other commands: lat_deg, lon_deg, altitude_amsl_m
-    "hold at": Order(_of_stack(reposition), urgent=True),
+    "hold at another height": Order(_of_stack(reposition), urgent=True),
     # lat_deg, lon_deg, altitude_amsl_m
     "climb and hold": Order(_of_stack(climb_and_hold), urgent=True, timing=AT_ONCE),
     "orbit": Order(_of_stack(orbit)),  # lat_deg, lon_deg, altitude_amsl_m, radius_m[, speed_m_s]

@@ -11,7 +11,7 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 # These commands are sent often, so that only their refusals are announced.
 UNANNOUNCED = ("orbit", "change speed")
-HOLDS = ("hold", "hold at")
+HOLDS = ("hold", "hold at another height")
 
 
 class RequestResults:
@@ -94,16 +94,16 @@ class RequestResults:
             unannounced = event.command in UNANNOUNCED or self._starts.was_announced(vehicle, event)
             return [] if unannounced else [announce(vehicle, f"{event.command}: accepted")]
         vehicle.start_confirmed = False
-        refused = f"{event.command} refused: {event.reason}"
+        words = f"{event.command}{'' if event.replaced else ' refused'}: {event.reason}"
         again_at_s = event.at_us / 1e6 + START_AGAIN_S
         if event.command == "return" and vehicle.availability.recalled:
             vehicle.return_again_at_s = again_at_s
         elif was_starting and self._starts.may_repeat(vehicle):
             vehicle.start_again_at_s = again_at_s
         else:
-            return [announce(vehicle, refused, warning=True)]
-        refused += f"; trying again in {START_AGAIN_S:.0f} s"
-        return [announce(vehicle, refused, warning=True)]
+            return [announce(vehicle, words, warning=not event.replaced)]
+        words += f"; trying again in {START_AGAIN_S:.0f} s"
+        return [announce(vehicle, words, warning=not event.replaced)]
 
 
 def _is_replaced(vehicle: Vehicle, event: events.CommandFinished) -> bool:

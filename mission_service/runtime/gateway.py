@@ -477,7 +477,8 @@ class Gateway:
         return UploadFinished(now_us, self.name, mission_id, result.outcome, result.reason)
 
     def _commanded(self, event: bridge.CommandFinished, now_us: int) -> CommandFinished:
-        return CommandFinished(now_us, self.name, event.name, event.accepted, event.reason)
+        result = (event.name, event.accepted, event.reason, event.replaced)
+        return CommandFinished(now_us, self.name, *result)
 
     def _dropped(self, event: bridge.DropFinished, now_us: int) -> DropFinished | None:
         command = self._drops.pop(event.drop_id, None)

@@ -116,7 +116,7 @@ class Sortie:
                 self._unflown = False
             case ModeChanged():
                 self._mode_changed(event)
-            case CommandFinished(accepted=False):
+            case CommandFinished(accepted=False, replaced=False):
                 self.refused[event.command] += 1
             case LinkLost():
                 self.link_losses += 1

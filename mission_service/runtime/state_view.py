@@ -458,7 +458,7 @@ class StateView(Notices):
         key = f"order/{name}/{event.command}"
         if event.accepted:
             self.clear_alarm(key)
-        else:
+        elif not event.replaced:
             text = f"{name}: {event.command} refused: {event.reason}"
             self.alarm(key, text, "warning", name)
 

@@ -268,7 +268,8 @@ def test_a_return_takes_the_place_of_orders_that_have_not_ended() -> None:
     pair.up = MemoryLink()
     accepted(pair, pair.client.command("return", pair.now_us))
     for command_id in (first, second):
-        assert outcome(pair, command_id).reason == "return replaced it"
+        ended = outcome(pair, command_id)
+        assert (ended.accepted, ended.replaced, ended.reason) == (False, True, "return replaced it")
     assert mode(pair) == "return"
 
 

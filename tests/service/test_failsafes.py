@@ -253,6 +253,19 @@ def test_a_hold_that_has_no_answer_yet_is_not_repeated(fly: Fly) -> None:
     assert len(holds) < 10
 
 
+def test_a_replaced_order_is_announced_as_such_and_raises_no_alarm(fly: Fly) -> None:
+    flight = fly()
+    flight.run(400.0)
+    flight.sim.rigs[0]._up = MemoryLink(loss=1.0)
+    order(flight, "hold")
+    flight.run(1.0)
+    order(flight, "return")
+    flight.run(1.0)
+    texts = [line.text for line in flight.state_view.announcements]
+    assert "hold: return replaced it" in texts
+    assert "order/hawk/hold" not in flight.state_view.alarms
+
+
 def test_the_unwatched_front_is_reported_again_after_a_restart(fly: Fly) -> None:
     flight = fly()
     flight.run(500.0)

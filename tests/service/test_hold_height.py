@@ -33,7 +33,9 @@ def test_a_hold_is_above_the_highest_ground_that_its_circle_reaches(land: Landsc
     assert hold.altitude_amsl_m >= ground_m + RAISED_HOLD_AGL_M - 0.1
     assert (hold.lat_deg, hold.lon_deg) == pytest.approx(PLACE, abs=1e-6)
     low.at_s += 0.25
-    low.handle(CommandFinished(low.at_us, "hawk", "hold at", False, "temporarily rejected"))
+    low.handle(
+        CommandFinished(low.at_us, "hawk", "hold at another height", False, "temporarily rejected")
+    )
     again = [command for _ in range(6) for command in holds(low.moved(25.0))]
     assert again == [hold]
 

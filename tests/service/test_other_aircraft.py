@@ -377,12 +377,16 @@ def test_a_lower_hold_is_sent_again_until_the_autopilot_accepts_it(land: Landsca
     (order,) = orders([*aloft.report(near), *aloft.report(near)])
     (sent,) = kinds(aloft.order(order), HoldAt)
     aloft.at_s += 0.25  # a refusal at the same time would be that of a hold that this one replaced
-    aloft.handle(CommandFinished(aloft.at_us, "hawk", "hold at", False, "temporarily rejected"))
+    aloft.handle(
+        CommandFinished(
+            aloft.at_us, "hawk", "hold at another height", False, "temporarily rejected"
+        )
+    )
     aloft.sent.clear()
     for _ in range(6):
         aloft.report(near)
     assert kinds(aloft.sent, HoldAt) == [sent]
-    aloft.handle(CommandFinished(aloft.at_us, "hawk", "hold at", True, ""))
+    aloft.handle(CommandFinished(aloft.at_us, "hawk", "hold at another height", True, ""))
     aloft.sent.clear()
     for _ in range(40):
         aloft.report(near)
