@@ -163,6 +163,7 @@ def test_the_split_of_four(share: float, weight: float, mixed: float, lapping: f
     assert split.worst_advance_m / unit_m == pytest.approx(min(mixed, lapping), rel=0.2)
     assert (split.sweeping > 0) == (mixed < lapping)
     needed = vehicles_needed(np.full(640, 30.0), rates, SPEED_M_S, split.worst_advance_m)
+    assert needed is not None
     assert needed.lapping + needed.sweeping <= 4
 
 

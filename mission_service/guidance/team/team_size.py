@@ -8,6 +8,7 @@ spread.
 """
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ import numpy as np
 from mission_service.guidance.team.front_ring import Floats, FrontRing
 
 ADVISE_EVERY_S = 300.0
+MAX_VEHICLES = 100  # a larger number that is needed is not computed
 PARTS = 64  # number of parts of the ring; an arc begins and ends at part borders
 
 
@@ -62,33 +64,46 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
     edges = np.arange(parts + 1) * step_m.size // parts
     fastest = np.maximum.reduceat(spread_rate_m_s, edges[:-1])
     part_m = np.diff(along_m[edges])
+    sweepers = np.arange(1, vehicles)
     for first in range(parts):
         order = (first + np.arange(parts)) % parts
         inside = np.maximum.accumulate(fastest[order])[:-1]
         outside = np.maximum.accumulate(fastest[order][::-1])[::-1][1:]
         arc_m = np.cumsum(part_m[order])[:-1]
-        for sweeping in range(1, vehicles):
-            swept = 2.0 * inside * arc_m / sweeping
-            lapped = outside * length_m / (vehicles - sweeping)
-            worst = np.maximum(swept, lapped) / speed_m_s
-            at = int(np.argmin(worst))
-            if worst[at] < best.worst_advance_m - 1e-9:
-                best = Split(vehicles - sweeping, sweeping, float(arc_m[at]), float(worst[at]))
+        if not arc_m.size:
+            continue
+        swept = 2.0 * inside * arc_m / sweepers[:, None]
+        lapped = outside * length_m / (vehicles - sweepers[:, None])
+        worst = np.maximum(swept, lapped) / speed_m_s  # for each number of sweepers and each arc
+        for row, at in enumerate(np.argmin(worst, axis=1).tolist()):
+            if worst[row, at] < best.worst_advance_m - 1e-9:
+                found = float(arc_m[at]), float(worst[row, at])
+                best = Split(vehicles - row - 1, row + 1, *found)
     return best
 
 
 def vehicles_needed(
     step_m: Floats, spread_rate_m_s: Floats, speed_m_s: float, advance_m: float
-) -> Split:
-    """Return the split of the smallest team that keeps the unseen advance within ``advance_m``."""
+) -> Split | None:
+    """Return the split of the smallest team that keeps the unseen advance within ``advance_m``.
+
+    The result is None if this requires more than ``MAX_VEHICLES``. The number is bisected, because
+    the worst unseen advance never grows with the number of vehicles.
+    """
+
+    def split(vehicles: int) -> Split:
+        return best_split(step_m, spread_rate_m_s, vehicles, speed_m_s)
+
     max_vehicles = vehicles_for_advance(
         float(spread_rate_m_s.max()), float(step_m.sum()), speed_m_s, advance_m
     )
-    for vehicles in range(1, max_vehicles):
-        split = best_split(step_m, spread_rate_m_s, vehicles, speed_m_s)
-        if split.worst_advance_m <= advance_m:
-            return split
-    return best_split(step_m, spread_rate_m_s, max_vehicles, speed_m_s)
+    if max_vehicles > MAX_VEHICLES:
+        if split(MAX_VEHICLES).worst_advance_m > advance_m:
+            return None
+        max_vehicles = MAX_VEHICLES
+    fewer = range(1, max_vehicles)
+    place = bisect_left(fewer, True, key=lambda n: split(n).worst_advance_m <= advance_m)
+    return split(1 + place)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,9 +140,10 @@ def team_size_advice(
         enough = vehicles_needed(
             ring.step_m, ring.spread_rate_m_s, mean_m_s, targets.max_unseen_advance_m
         )
-        needed = enough.lapping + enough.sweeping
-        max_needed = max(max_needed, needed)
-        text += f"; at most {targets.max_unseen_advance_m:g} m requires {_vehicles(needed)}"
+        more = "" if enough is not None else "more than "
+        needed = MAX_VEHICLES if enough is None else enough.lapping + enough.sweeping
+        max_needed = max(max_needed, needed + (enough is None))
+        text += f"; at most {targets.max_unseen_advance_m:g} m requires {more}{_vehicles(needed)}"
     return max_needed > vehicles, text
 
 
