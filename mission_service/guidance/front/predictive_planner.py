@@ -113,6 +113,8 @@ class PredictivePlanner(LapPlanner):
             self._survey(seen)
             if not self.settings.ignition_known:
                 return
+        else:
+            self.map.add_window(*seen)  # for the alarm about an unmonitored front
         self.fronts.add_window(*seen)
 
     def correct(self, observed: Observed) -> None:
