@@ -133,15 +133,14 @@ def replay(words: tuple[str, ...], **values: Any) -> None:
     if options.verify:
         _verify(journal_in(Path(words[0])), options.stages, options.as_json)
         return
-    if options.out is not None:
-        logs = words[:1] if options.changes else words
-        refuse_run_folder(options.out, [path_of(word) for word in logs])
     if options.changes:
         if options.out is None:
             raise click.UsageError("--what-if needs --out DIR")
         changes = (*options.changes, *words[1:])
         _what_if(journal_in(Path(words[0])), changes, options.out, options.as_json)
         return
+    if options.out is not None:
+        refuse_run_folder(options.out, [path_of(word) for word in words])
     to_s = math.inf if options.to_s is None else options.to_s
     flight = flight_of(words)._replace(from_s=options.from_s or 0.0, to_s=to_s)
     choice = ScenarioChoice(options.scenario, options.rule, options.at_s, options.overrides)
