@@ -21,6 +21,7 @@ from mission_service.events import LinesSkipped
 from mission_service.guidance.registry import way_for
 from mission_service.journal.differences import cut, difference_of, fields_that_differ
 from mission_service.journal.reader import JournalReader
+from mission_service.journal.segments import journal_of
 from mission_service.replay.decisions import decisions_alone, first_difference
 from mission_service.replay.fire_stage import fire_stage
 from mission_service.replay.replay_stage import Stage
@@ -31,12 +32,15 @@ class Verification:
     """The results of all stages. ``from_segment`` is 1 if the journal is complete.
 
     ``cut_at_line`` is the number of an incomplete last line, which is not verified, or None.
+    ``ended`` is False if the journal lacks the line that marks a regular end: the run continues,
+    was interrupted, or later lines are missing.
     """
 
     stages: tuple[Stage, ...]
     cut_at_line: int | None
     from_segment: int
     segments: int
+    ended: bool
 
     @property
     def difference(self) -> str | None:
@@ -78,11 +82,16 @@ def verify(path: Path, alone: bool = False, stages: Sequence[str] = ()) -> Verif
     also raised if the first segments were deleted and the state that replaces them is not usable.
     """
     recorded = JournalReader(path, alone)
+    ended = recorded.last.ended or alone or journal_of(path) is not None  # all lines were read
     names = [name for name in STAGES if name in (stages or STAGES)]
     found = tuple(_result_of(STAGES[name], recorded) for name in names)
     killed = next((each.killed_at_line for each in found if each.killed_at_line), None)
     return Verification(
-        found, recorded.last.cut_at_line or killed, recorded.segment, len(recorded.readers)
+        found,
+        recorded.last.cut_at_line or killed,
+        recorded.segment,
+        len(recorded.readers),
+        ended,
     )
 
 
@@ -96,6 +105,7 @@ def as_json(found: Verification) -> dict[str, Any]:
         "cut_at_line": found.cut_at_line,
         "from_segment": found.from_segment,
         "segments": found.segments,
+        "ended": found.ended,
         "stages": {each.name: _fields(each) for each in found.stages},
     }
 
@@ -119,6 +129,11 @@ def in_text(found: Verification) -> str:
         lines.append(f"from segment {found.from_segment}; the segments before it were deleted")
     if found.cut_at_line is not None:
         lines.append(f"line {found.cut_at_line} is incomplete; the lines before it were verified")
+    if not found.ended:
+        lines.append(
+            "the journal has no regular end: the run continues or was interrupted, or later lines "
+            "are missing"
+        )
     return "\n".join(line.rstrip() for line in lines)
 
 

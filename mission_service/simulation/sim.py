@@ -274,6 +274,8 @@ def simulate(
     called about once a minute of mission time. ``crew`` returns the operators' events that are due
     at the given mission time.
 
+    The journal of a complete simulation ends with the line that marks a regular end.
+
     Raises ScenarioError for a sensor that uses the host's clock.
     """
     _check_sensors(scenario)
@@ -283,6 +285,7 @@ def simulate(
     try:
         simulation = Simulation(scenario, journal, landscape, crew, progress)
         simulation.run_until(scenario.duration_s if until_s is None else until_s)
+        journal.end()
     finally:
         journal.close()
     simulation.service.advance_fire(simulation.clock.now_us)

@@ -72,6 +72,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Burn:
     with pytest.MonkeyPatch.context() as patch:
         live = lambda path, header, durable: Journal(path, header, durable=True)  # noqa: E731
         patch.setattr(sim, "Journal", live)
+        patch.setattr(Journal, "end", lambda journal: None)
         sim.simulate(scenario, path, "", crew=operators.due)
     return Burn(scenario, landscape_of(scenario), path.read_bytes())
 

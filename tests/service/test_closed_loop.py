@@ -13,7 +13,7 @@ from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import UploadMission
 from mission_service.config.scenario import load_scenario
 from mission_service.journal.journal_file import SegmentReader
-from mission_service.replay.verification import Verification, verify
+from mission_service.replay.verification import Verification, in_text, verify
 from mission_service.runtime.run_outputs import write_outputs
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.sim import simulate
@@ -76,7 +76,8 @@ def test_the_vehicle_stays_near_the_front(run: Run) -> None:
 def test_two_runs_with_one_seed_are_identical_byte_for_byte(run: Run, tmp_path: Path) -> None:
     path, until_s = tmp_path / "again.jsonl", 4400.0
     simulate(load_scenario("default", SHORT), path, created="2026-01-01", until_s=until_s)
-    again = path.read_bytes()
+    again, _, end = path.read_bytes().rstrip(b"\n").rpartition(b"\n")
+    assert end.startswith(b'{"end":true')
     assert again.count(b"UploadMission") > 5
     assert run.journal.read_bytes().startswith(again)
 
@@ -166,6 +167,17 @@ def test_a_journal_cut_off_is_verified_up_to_the_cut(run: Run, tmp_path: Path) -
     result = verify(path)
     assert result.difference is None
     assert result.cut_at_line is not None
+
+
+def test_a_journal_that_lost_its_end_at_a_line_has_no_regular_end(run: Run, tmp_path: Path) -> None:
+    lines = run.journal.read_bytes().splitlines(keepends=True)
+    path = tmp_path / "half.jsonl"
+    path.write_bytes(b"".join(lines[: len(lines) // 2]))
+    half, whole = (verify(each, stages=["file"]) for each in (path, run.journal))
+    assert (half.difference, half.ended) == (None, False)
+    assert (whole.difference, whole.ended) == (None, True)
+    assert "the journal has no regular end" in in_text(half)
+    assert "regular end" not in in_text(whole)
 
 
 def test_what_a_run_leaves_can_be_read(run: Run, tmp_path: Path) -> None:

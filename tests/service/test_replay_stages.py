@@ -349,6 +349,7 @@ def test_a_stage_alone_is_a_word_on_the_command_line(small: Path, tmp_path: Path
     assert [line.split()[:2] for line in result.stdout.splitlines()] == [
         ["file", "ok"],
         ["fire", "ok"],
+        ["the", "journal"],  # has no regular end
     ]
     whole = small.read_bytes()
     at = whole.index(b'"lat_deg":36', whole.index(b"\n")) + 11
