@@ -263,4 +263,6 @@ def test_a_restart_on_a_full_disk_is_recorded_when_the_disk_has_room(
     service.recording.journal.close()
     recorded = [each for each in entries(path) if isinstance(each, LinesSkipped | Resumed)]
     assert recorded[:-1] == ([] if skips is None else [skips])
-    assert recorded[-1].down_s == pytest.approx(3610.0, abs=1.0)
+    last = recorded[-1]
+    assert isinstance(last, Resumed)
+    assert last.down_s == pytest.approx(3610.0, abs=1.0)

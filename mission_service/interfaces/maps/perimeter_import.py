@@ -124,7 +124,7 @@ def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Peri
     return Perimeter(area, area_m2(area) / 1e4, vertices, records, notes)
 
 
-def _turned(area: BaseGeometry, extent: BaseGeometry) -> BaseGeometry:
+def _turned(area: Any, extent: BaseGeometry) -> Any:
     """Return polygons with each part shifted by full turns to the longitudes of the landscape."""
     middle_deg, parts = extent.centroid.x, shapely.get_parts(area)
     turns = [round((middle_deg - part.centroid.x) / 360.0) for part in parts]
