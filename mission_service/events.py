@@ -405,13 +405,13 @@ class AircraftState(msgspec.Struct, frozen=True):
 class AircraftReported(Event, frozen=True, tag=True, omit_defaults=True):
     """The other aircraft within range of a vehicle, once a second while there are any.
 
-    The event without aircraft follows when the last aircraft has left. With ``own_unknown`` the
-    vehicle's own position is too old: it is unknown which aircraft are near, and the event contains
-    none. Only runs with the table ``[surveillance]`` have this event.
+    One event without aircraft follows after the last aircraft has left. If ``own_position_unknown``
+    is set, the vehicle's own position is too old to determine which aircraft are near, and the
+    event contains none. Only runs with the table ``[surveillance]`` have this event.
     """
 
     aircraft: tuple[AircraftState, ...]
-    own_unknown: bool = False
+    own_position_unknown: bool = False
 
 
 class DropFinished(Event, frozen=True, tag=True):

@@ -17,7 +17,7 @@ MAX_AT_ONCE = 256  # datagrams read before other tasks run
 MAX_DATAGRAM_BYTES = 65536
 QUICK_S = 0.002
 ANSWER_FOR_S = 10.0
-SILENCE = {  # errors that ICMP messages report, and errors of a network that is down
+IGNORED_ERRORS = {  # the port, host or network is unreachable, or the send queue is full
     *(errno.ECONNREFUSED, errno.ECONNRESET, errno.EHOSTUNREACH, errno.ENETUNREACH),
     *(errno.ENETDOWN, errno.EHOSTDOWN, errno.ENOBUFS),
 }
@@ -154,7 +154,7 @@ class Udp(asyncio.DatagramProtocol):
         """
         if not isinstance(exc, OSError):
             self._listener.failed(exc)
-        elif exc.errno not in SILENCE:
+        elif exc.errno not in IGNORED_ERRORS:
             self._listener.datagram_lost(exc)
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -3,10 +3,12 @@
 list requested --MISSION_COUNT--> item requested --item--> item requested
 item requested --last item--> ended (MISSION_ACK sent)
 item requested --no item for a longer time--> list requested
-list requested --MISSION_ERROR or _INVALID_SEQUENCE--> list requested; ended if the error returns
-after the request was repeated. The error may be the reply to a copy of the last item of the upload
-before: ArduPilot requests items twice if the round trip takes more than a second
-Every request is repeated on timeout.
+list requested --MISSION_ERROR or _INVALID_SEQUENCE--> list requested (first request with an error)
+list requested --the same error after a repeated request--> ended
+
+Every request is repeated on timeout. The first error may belong to the preceding upload: if the
+round trip takes more than 1 s, ArduPilot requests items twice and rejects the second copy of the
+last item.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink

@@ -1,7 +1,8 @@
 """Sends sequences of commands using the MAVLink command protocol (COMMAND_LONG and COMMAND_INT).
 
 sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK rejected--> ended
-sent --ACK on receipt--> received --ACK accepted, or none--> next step; --ACK rejected--> ended
+sent --ACK on receipt--> received
+received --ACK accepted, or none in time--> next step; received --ACK rejected--> ended
 sent: the command is repeated on timeout
 working: the command was accepted and is not repeated; its completion may be reported late or never
 """
@@ -35,7 +36,7 @@ def result_words(result: int) -> str:
     return RESULTS.get(result, f"MAV_RESULT {result}")
 
 
-RESULT_AFTER_RECEIPT_US = 500_000  # time between two acknowledgements of one command
+RESULT_AFTER_RECEIPT_US = 500_000  # longest wait for the second acknowledgement of a command
 # The reason for a rejection may arrive later as a text (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
@@ -76,8 +77,8 @@ class CommandSequence:
 
     If frames with the same command were sent before a step and may still be acknowledged, no
     acknowledgement is used until ``ANSWERED_WITHIN_US`` have passed; the step is sent again
-    meanwhile. A step that is also acknowledged on receipt counts as accepted after the second
-    acknowledgement; if that one is lost, after ``RESULT_AFTER_RECEIPT_US``.
+    meanwhile. If a step is acknowledged on receipt, its second acknowledgement contains the result.
+    If none arrives within ``RESULT_AFTER_RECEIPT_US``, the step counts as accepted.
     """
 
     def __init__(

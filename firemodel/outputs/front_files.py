@@ -79,9 +79,9 @@ def fronts_geojson(
 
     The names of the properties are those of the US interagency perimeters (WFIGS); calendar times
     are in ms since 1970 UTC. The features have the status of an unapproved perimeter. ``time_zero``
-    is the calendar time of 0 s, if there is one; ``prescribed`` is for the fire of a prescribed
-    burn. Raises FireModelError if the times do not increase or the fire has not been advanced to
-    one of them.
+    is the calendar time of 0 s, if there is one; ``prescribed`` states whether the fire is a
+    prescribed burn. Raises FireModelError if the times do not increase or the fire has not been
+    advanced to one of them.
     """
     check_increasing(times_s)
     features = []

@@ -55,8 +55,8 @@ def refuse_run_folder(out: Path, sources: Iterable[Path]) -> None:
         beside = source.parent / JOURNAL
         if begins_journal(source) or (begins_journal(beside) and not is_of_replay(beside)):
             raise RequestError(
-                f"{out}: is the folder of the run, and its map.png would be replaced; choose "
-                "another --out"
+                f"{out}: is the folder of the run, whose files could be replaced; choose another "
+                "--out"
             )
 
 

@@ -146,8 +146,8 @@ class OtherAircraft:
         near.reported = event.aircraft
         if near.own is None:
             return []
-        if event.own_unknown:  # alerts, the alarm and resolved conflicts stay as they are
-            words = "without its own position, the alerts about other aircraft are not updated"
+        if event.own_position_unknown:  # alerts, the alarm and resolved conflicts stay as they are
+            words = "own position is too old: the alerts about other aircraft are not updated"
             return [announce(vehicle, words, warning=True)] if near.alarm else []
         alerts = ALERT_SETS[self._section.alerts]
         airborne = vehicle.availability.airborne

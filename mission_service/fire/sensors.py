@@ -64,9 +64,9 @@ class Sensor(Protocol):
       ``observe``. The field ``at_us`` of the report must equal the argument.
     - ``skip(names)``: a method that receives, after a restart, the names of the events that the
       run has already used (``Observed.file``, ``FireObserved.file``).
-    - ``keep_burned(since_s, at_us)``: a method that receives, after a restart at mission time
-      ``at_us``, since when (y, x) the sensor's observations have shown each cell as burned, in
-      seconds of mission time; infinity in other cells.
+    - ``restore_burned(since_s, at_us)``: a method that is called after a restart at mission time
+      ``at_us``. ``since_s`` (y, x) contains the mission time in seconds since which the sensor's
+      observations have shown a cell as burned, and infinity for all other cells.
     - ``images``: the latest images for the map (``SensorImage``), the newest one last. The method
       ``colours`` of an image is called in other threads, when a client requests the image's
       picture. At most ``MAX_IMAGES`` images of a sensor are shown.
@@ -146,12 +146,12 @@ class Sensors:
             except (Exception, SystemExit) as error:  # another package may raise anything
                 self._fail(name, error)
 
-    def keep_burned(self, since_s: Mapping[str, Floats], at_us: int) -> None:
-        """Pass the cells that each sensor showed as burned before a restart to the sensor."""
+    def restore_burned(self, since_s: Mapping[str, Floats], at_us: int) -> None:
+        """Pass to each sensor the cells that it showed as burned before a restart."""
         for name, sensor in list(self._sensors.items()):
             try:
                 if name in since_s:
-                    getattr(sensor, "keep_burned", lambda *_: None)(since_s[name], at_us)
+                    getattr(sensor, "restore_burned", lambda *_: None)(since_s[name], at_us)
             except (Exception, SystemExit) as error:  # another package may raise anything
                 self._fail(name, error)
 

@@ -110,9 +110,9 @@ class SourceAgreement:
         self._seen[source].include(image)
 
     def burned_since_s(self) -> dict[str, Floats]:
-        """Return since when (y, x) each source has shown each cell as burned, by source.
+        """Return the times (y, x) since which each source has shown cells as burned, by source.
 
-        The time is infinity for cells that the source did not show as burned last.
+        The time is infinity for cells that the source's last view did not show as burned.
         """
         return {
             name: np.where(seen.last.state == BURNED, seen.burned_since_s, np.inf)

@@ -378,17 +378,17 @@ class Engine:
         written, ``retry`` writes ``skipped``, and a ``Resumed`` with the whole interruption.
         """
         self.sensors.skip(self._sensor_files.names())
-        self.sensors.keep_burned(self.estimate.agreement.burned_since_s(), event.at_us)
+        self.sensors.restore_burned(self.estimate.agreement.burned_since_s(), event.at_us)
         self._skipped = skipped
         self._down_since_us = event.at_us - round(event.down_s * 1e6)
         self.recording.write_commands(list(missing))
         self._restart(event, now_us)
 
     def _restart(self, event: Resumed, now_us: int) -> None:
-        """Handle a restart, and read back each vehicle's mission once the vehicle is connected.
+        """Handle the end of an interruption, and read back the missions of connected vehicles.
 
-        The reply to a drop that was ordered before the restart cannot arrive, or may have arrived
-        while the journal could not be written. Its outcome is therefore unknown.
+        The interruption is a restart, or a time in which the journal could not be written. No reply
+        to a drop that was ordered before it is in the journal, so the outcome is unknown.
         """
         if self._skipped is not None and self._handle(self._skipped, now_us):
             self._skipped = None
@@ -398,7 +398,7 @@ class Engine:
             gateway.read_back(partial(self._missions.recognised, name), now_us)
         for drop in () if self._interlock is None else self._interlock.unfinished_drops():
             named = (drop.vehicle, drop.plan_hash, drop.number)
-            why = "no reply was recorded before the restart"
+            why = "no reply was recorded (restart of the service, or full disk)"
             self._handle(DropFinished(event.at_us, *named, False, False, why), now_us)
 
     def retry(self, at_us: int, now_us: int) -> bool:

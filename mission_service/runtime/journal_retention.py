@@ -129,8 +129,8 @@ class JournalRetention:
             return
         free_mb = round(free_bytes / 1e6, -1 if free_bytes >= 1e8 else 0)
         text = (
-            f"only {free_mb:.0f} MB are free in {folder}: the service executes only aborts on a "
-            "full disk; delete other files, or set service.journal.keep_mb"
+            f"only {free_mb:.0f} MB are free on the disk of {folder}; when the disk is full, the "
+            "service executes only aborts: delete other files, or set service.journal.keep_mb"
         )
         state_view.alarm("disk", text)
 

@@ -82,7 +82,8 @@ class Link:
             lines += refusals.new_reports(port.counts, port.receives_signed)
             if port.lost_datagrams and port.address not in self._reported:
                 self._reported.add(port.address)
-                lines.append(f"datagrams are lost on {port.address}: {port.last_error}")
+                text = f"a datagram was lost on {port.address}: {port.last_error}"
+                lines.append(f"{text}; further losses are not announced")
         return lines
 
 

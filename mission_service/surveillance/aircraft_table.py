@@ -38,8 +38,8 @@ class AircraftDecoder(Protocol):
     def decode(self, data: bytes, at_us: int, unix_us: int | None = None) -> None:
         """Process received bytes; an incomplete last message is completed by the next bytes.
 
-        ``at_us`` is mission time. ``unix_us`` is the wall clock, with which formats that contain
-        times compare these; without it, the messages count as new.
+        ``at_us`` is mission time. ``unix_us`` is the wall clock; ``CotTrackDecoder`` computes the
+        age of a position from it. Without it, a position has the time of reception.
         """
 
 

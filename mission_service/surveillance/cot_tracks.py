@@ -3,9 +3,9 @@
 An air track is an event with the type ``a-*-A…``. The decoder uses ``point`` (``lat``, ``lon``,
 ``hae``) and ``detail/track`` (``course``, ``speed`` in m/s, and ``slope`` in degrees). ``hae`` is
 treated as the altitude above mean sea level; an event with an unknown ``hae`` is not used. ``time``
-is the time of the position, and the event is not used after ``stale``. A uid of the form ``ICAO-…``
-or ``ICAO…`` contains an aircraft's address. Source: MITRE, *Cursor-on-Target Message Router User's
-Guide*, base event 2.0.
+is the time of the position, and the event is not used more than 5 s after ``stale``. A uid of the
+form ``ICAO-…`` or ``ICAO…`` contains an aircraft's address. Source: MITRE, *Cursor-on-Target
+Message Router User's Guide*, base event 2.0.
 """
 
 import math

@@ -38,7 +38,7 @@ TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
 LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # distance and time of the flight to a waiting position
 WAITS_AT_MOST_S = 120.0
-UNABLE_FOR_S = 30.0  # after closed airspace has prevented a vehicle from giving way
+CANNOT_GIVE_WAY_FOR_S = 30.0  # after closed airspace has prevented a vehicle from giving way
 STALE_S = 5.0  # an older position is not used
 DESCENDING = ("approach", "final", "going around")  # phases of a landing
 
@@ -52,12 +52,12 @@ class Flown:
     home_m: tuple[float, float]
     track: Track | None = None  # of the mission on board
     sent_track: Track | None = None  # of a mission that is being sent
-    sent_id: int = 0  # number of the mission sent last
+    sent_id: int = 0  # ID of the mission sent last
     descent_m: Floats | None = None  # (n, 2) descent of the landing mission sent last
     sent: int = 0  # number of missions sent
     compared: tuple[int, ...] = ()  # ``sent`` of the vehicles below at the last comparison
     gave_way_to: str | None = None
-    unable_until_s: float = -math.inf  # until then the vehicle cannot give way
+    cannot_give_way_until_s: float = -math.inf  # until then the vehicle cannot give way
     waits_since_s: float = 0.0
     waits_at: Floats | None = None  # (1, 2) waiting position
     started_at_s: float = -1e9
@@ -161,7 +161,7 @@ class TrafficManager:
         own = self._all[name]
         fix = own.availability.fix
         assert fix is not None
-        if fix.at_s < own.unable_until_s:
+        if fix.at_s < own.cannot_give_way_until_s:
             return None
         if own.gave_way_to is not None and self._is_passing(own, self._all[own.gave_way_to]):
             return own.gave_way_to
@@ -181,13 +181,13 @@ class TrafficManager:
         return own.gave_way_to
 
     def end_giving_way(self, name: str) -> None:
-        """End the giving way of a vehicle to which another command was sent."""
+        """Record that a vehicle no longer gives way, because it received another command."""
         self._all[name].gave_way_to = None
 
-    def on_unable(self, name: str, at_s: float) -> None:
-        """Record that closed airspace prevents a vehicle from giving way: the others give way."""
+    def on_giving_way_prevented(self, name: str, at_s: float) -> None:
+        """Record that closed airspace prevents a vehicle from giving way, so that others do."""
         self.end_giving_way(name)
-        self._all[name].unable_until_s = at_s + UNABLE_FOR_S
+        self._all[name].cannot_give_way_until_s = at_s + CANNOT_GIVE_WAY_FOR_S
 
     def _is_passing(self, own: Flown, other: Flown) -> bool:
         fixes = _reported_fixes(own, other)
@@ -219,7 +219,7 @@ class TrafficManager:
             turn_m += other.section.loiter_radius_m / 2.0
         if not is_near(fix, other_fix, self._separation_m, turn_m):
             return False
-        unable = waits_for is not None or not _is_able(other, fix.at_s)
+        unable = waits_for is not None or not _can_give_way(other, fix.at_s)
         return unable or gives_way(fix, other_fix, other_name in self._earlier[name])
 
     def _descent_above(self, fix: PositionFix, other: Flown) -> Floats | None:
@@ -280,15 +280,15 @@ class TrafficManager:
         return ""
 
 
-def _is_able(own: Flown, at_s: float) -> bool:
+def _can_give_way(own: Flown, at_s: float) -> bool:
     """Return whether a vehicle can give way: it flies its missions, and no hold is ordered."""
     follows = own.availability.flies and not own.availability.hold_is_ordered
-    return follows and at_s >= own.unable_until_s
+    return follows and at_s >= own.cannot_give_way_until_s
 
 
 def _waits_for(own: Flown, at_s: float) -> str | None:
     """Return the vehicle to which a vehicle gives way at this time, if any."""
-    waits = _is_able(own, at_s) and at_s - own.waits_since_s <= WAITS_AT_MOST_S
+    waits = _can_give_way(own, at_s) and at_s - own.waits_since_s <= WAITS_AT_MOST_S
     return own.gave_way_to if waits else None
 
 

@@ -12,7 +12,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.signing import Key, Signing, Timestamps
-from autopilot_bridge.links.udp import SILENCE, Udp
+from autopilot_bridge.links.udp import IGNORED_ERRORS, Udp
 from tests.bridge.transport_helpers import clock_us, free_port, run, udp_socket
 
 KEY = Key(bytes(range(32)))
@@ -68,7 +68,7 @@ def test_a_datagram_from_port_0_is_dropped_and_a_second_vehicle_is_found(is_sign
     run(exchange)
 
 
-@pytest.mark.parametrize("code", [*REPORTED, *sorted(SILENCE)])
+@pytest.mark.parametrize("code", [*REPORTED, *sorted(IGNORED_ERRORS)])
 def test_no_error_of_a_datagram_ends_the_link(code: int) -> None:
     async def exchange() -> None:
         link = SharedLink(f"udpin:127.0.0.1:{free_port()}", expects=True)

@@ -129,7 +129,7 @@ def test_px4_is_not_armed_if_no_heartbeat_reports_the_mission_mode() -> None:
     assert len(system.sent) == 1
 
 
-async def receives_frames_of_an_impostor() -> None:
+async def ignores_frames_from_another_remote() -> None:
     port = free_port()
     where = ("127.0.0.1", port)
     async with station("mavsdk", port) as client:
@@ -154,7 +154,7 @@ async def receives_frames_of_an_impostor() -> None:
 
 
 def test_the_vehicle_is_bound_to_its_remote() -> None:
-    run(receives_frames_of_an_impostor())
+    run(ignores_frames_from_another_remote())
 
 
 def autopilot_heartbeat(armed: bool) -> bytes:

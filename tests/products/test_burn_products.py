@@ -49,7 +49,7 @@ def test_the_drops_are_in_the_table_and_in_the_layer(burn: tuple[Path, Incident]
     assert f"Drops:{' ' * 20}{len(drops)}" in (out / "interpreter-log.txt").read_text()
 
 
-def test_the_perimeters_of_a_burn_are_no_wildfire(tmp_path: Path) -> None:
+def test_the_perimeters_of_a_burn_have_the_category_prescribed_fire(tmp_path: Path) -> None:
     scenario = load_scenario("burn", ("duration_s=20",))
     write_outputs(tmp_path, scenario, *simulate(scenario, tmp_path / "journal.jsonl", "today"))
     fronts = json.loads((tmp_path / "perimeters.geojson").read_text(encoding="utf-8"))["features"]

@@ -225,7 +225,7 @@ def test_ground_that_burned_before_a_restart_and_has_cooled_stays_burned() -> No
     now, at_us = datetime.now(UTC), FIX.at_us - 60_000_000
     sensors = Sensors({"thermal_video": ThermalVideo(scenario, land)}, land.shape)
     since_s = np.where(burned, at_us / 1e6 - 600.0, np.inf)
-    sensors.keep_burned({"thermal_video": since_s}, at_us)
+    sensors.restore_burned({"thermal_video": since_s}, at_us)
     (sensor,) = sensors._sensors.values()
     assert isinstance(sensor, ThermalVideo)
     sensor.use(film(VideoWriter(WIDE.width, WIDE.height), fire, pose, now, 0.0), now)

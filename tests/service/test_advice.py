@@ -64,7 +64,7 @@ def test_it_announces_when_the_team_changes_or_no_longer_suffices() -> None:
 
 
 def test_a_large_team_is_advised_from_few_splits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A front of 25 km with a spread of 5 m/s needs thousands of vehicles to see each metre."""
+    """A front of 25 km that spreads at 5 m/s needs thousands of vehicles for 1 m of advance."""
     numbers = []
 
     def counted(step_m: Floats, rate_m_s: Floats, vehicles: int, speed_m_s: float) -> Split:

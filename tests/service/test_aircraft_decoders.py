@@ -305,13 +305,13 @@ def test_a_vehicle_without_a_new_position_is_reported_as_such_once() -> None:
     decoder.decode(2 * sbs_lines(CRAFT), 500_000)
     assert events_at(reports, 1_000_000)[0].aircraft
     assert events_at(reports, 7_000_000, Fix(1_000_000)) == [
-        AircraftReported(7_000_000, "hawk", (), own_unknown=True)
+        AircraftReported(7_000_000, "hawk", (), own_position_unknown=True)
     ]
     assert events_at(reports, 8_000_000, Fix(1_000_000)) == []
     decoder.decode(sbs_lines(CRAFT), 8_500_000)  # still tracked
     (event,) = events_at(reports, 9_000_000)
     assert [each.aircraft for each in event.aircraft] == ["a4c2f1"]
-    assert not event.own_unknown
+    assert not event.own_position_unknown
 
 
 def test_at_most_fifty_aircraft_are_reported_the_nearest() -> None:

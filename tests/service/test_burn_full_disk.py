@@ -1,4 +1,4 @@
-"""A burn while the disk is full: no sphere is lost from the fire, and the next line drops."""
+"""A burn while the disk is full: each sphere counts as a source of fire, and drops continue."""
 
 import os
 from collections.abc import Callable
@@ -25,7 +25,7 @@ SMALL = ("landscape.rows=120", "landscape.cols=120", "deploy_at_s=5")
 
 
 class BurnOnDisk:
-    """The shipped burn in virtual time; its crew is silent while the disk is full."""
+    """The shipped burn in virtual time; its crew sends no requests while the disk is full."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "journal.jsonl"
@@ -88,7 +88,7 @@ def test_a_drop_whose_reply_came_on_a_full_disk_is_in_the_fire(tmp_path: Path) -
     assert verify(burn.path).difference is None
 
 
-def test_a_drop_that_was_not_ordered_because_the_disk_became_full_is_closed(
+def test_a_drop_whose_command_was_not_journalled_has_an_unknown_outcome(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     burn, works = BurnOnDisk(tmp_path), os.write
@@ -110,7 +110,7 @@ def test_a_drop_that_was_not_ordered_because_the_disk_became_full_is_closed(
 
 
 def test_the_next_line_drops_after_a_full_disk(tmp_path: Path) -> None:
-    """The satellites are constant, so the autopilot's client reports the position fix once."""
+    """The number of satellites does not change, so the client reports the GPS fix only once."""
     burn = BurnOnDisk(tmp_path)
     burn.fly_until(lambda: len(burn.spheres) == 2)
     with no_room(burn.path, 10):

@@ -169,7 +169,7 @@ def test_a_journal_cut_off_is_verified_up_to_the_cut(run: Run, tmp_path: Path) -
     assert result.cut_at_line is not None
 
 
-def test_a_journal_that_lost_its_end_at_a_line_has_no_regular_end(run: Run, tmp_path: Path) -> None:
+def test_a_journal_cut_between_two_lines_has_no_regular_end(run: Run, tmp_path: Path) -> None:
     lines = run.journal.read_bytes().splitlines(keepends=True)
     path = tmp_path / "half.jsonl"
     path.write_bytes(b"".join(lines[: len(lines) // 2]))

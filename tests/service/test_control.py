@@ -548,7 +548,7 @@ def test_an_abort_needs_no_end_of_its_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [msgspec.DecodeError, UnicodeDecodeError])
-def test_bytes_that_are_not_utf_8_end_neither_the_run_nor_an_abort(
+def test_bytes_that_are_not_utf_8_neither_end_the_run_nor_prevent_an_abort(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[ValueError]
 ) -> None:
     """Until version 0.22, msgspec raises UnicodeDecodeError instead of DecodeError."""

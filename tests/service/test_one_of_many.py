@@ -148,7 +148,7 @@ def ordered_home(crane: Flown, *seconds: int) -> tuple[list[int], list[int]]:
     return guided_s, returns_s
 
 
-def test_without_contact_the_autopilot_flies_it_home_as_soon_as_its_time_is_up() -> None:
+def test_without_contact_the_autopilot_returns_when_the_time_on_task_ends() -> None:
     crane = with_little_endurance()
     crane.core.handle(PeerLinkChanged(1600 * S, "crane", False))
     guided_s, (return_s,) = ordered_home(crane, *range(1600, 2000))

@@ -324,7 +324,7 @@ def test_without_the_own_position_an_alert_does_not_end(land: Landscape) -> None
     aloft.handle(OrderGiven(aloft.at_us, *ANN, "hawk", "resume"))
     (line,) = pass_time(13, own_received=False)
     assert isinstance(line, Announce)
-    assert line.text == "without its own position, the alerts about other aircraft are not updated"
+    assert line.text == "own position is too old: the alerts about other aircraft are not updated"
     assert not kinds(pass_time(8), AlertOnAircraft, ClearAlarm, Announce, OrderByService)
     craft.lat_deg = PLACE[0] - 1500.0 / 111_195.0
     assert kinds(pass_time(8), ClearAlarm) == [ClearAlarm("hawk", "aircraft")]

@@ -258,7 +258,7 @@ def test_segments_are_deleted_only_with_a_limit(kept: Kept, tmp_path: Path) -> N
     journal.close()
 
 
-def test_an_almost_full_disk_is_an_alarm_until_it_has_space_again(
+def test_an_almost_full_disk_raises_an_alarm_until_it_has_space_again(
     kept: Kept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     header = header_of(kept.scenario, kept.landscape.digest(), "")
@@ -276,7 +276,7 @@ def test_an_almost_full_disk_is_an_alarm_until_it_has_space_again(
         return alarm.text if alarm else ""
 
     assert alarm_with(500_000_000) == ""
-    assert alarm_with(443_000_000).startswith(f"only 440 MB are free in {tmp_path}")
+    assert alarm_with(443_000_000).startswith(f"only 440 MB are free on the disk of {tmp_path}")
     assert alarm_with(7_400_000).startswith("only 7 MB are free")
     assert alarm_with(599_000_000) != ""
     assert alarm_with(600_000_000) == ""
@@ -358,7 +358,7 @@ def test_the_state_of_the_last_segments_beginning_may_be_the_newest(
     assert continued(kept, path)[1] > from_third
 
 
-class OfPositions:
+class PositionJournal:
     """A journal that contains one position a second."""
 
     def __init__(self, folder: Path) -> None:
@@ -378,7 +378,7 @@ class OfPositions:
 def test_a_reader_of_a_running_run_reads_each_segment_that_is_closed_meanwhile(
     tmp_path: Path, segments: int
 ) -> None:
-    run = OfPositions(tmp_path)
+    run = PositionJournal(tmp_path)
     for _ in range(segments - 1):
         run.fly(5)
         run.journal.begin_segment()
@@ -395,7 +395,7 @@ def test_a_reader_of_a_running_run_reads_each_segment_that_is_closed_meanwhile(
 def test_a_segment_is_on_the_disk_before_it_is_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run, synced = OfPositions(tmp_path), list[str]()
+    run, synced = PositionJournal(tmp_path), list[str]()
     works = os.fsync
 
     def recorded(file: int) -> None:

@@ -315,7 +315,7 @@ def test_giving_way_is_repeated_after_a_failed_upload(land: Landscape) -> None:
     assert not flight.gave_way("hawk", "kite")
 
 
-def test_another_vehicle_gives_way_if_closed_airspace_prevents_it(
+def test_the_other_vehicle_gives_way_if_closed_airspace_prevents_the_first(
     land: Landscape, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flight = HeadOn(land)
@@ -361,7 +361,7 @@ def test_a_vehicle_that_has_given_way_and_is_stopped_is_avoided(
 
 
 def test_a_third_vehicle_avoids_a_held_vehicle_at_its_position(land: Landscape) -> None:
-    """Not at the place where it would have waited."""
+    """The position of the held vehicle is used, not the waiting position that it flew to."""
     flight = HeadOn(land, "vehicles.2.altitude_agl_m=150")
     flight.flies(8, "hawk", "kite")
     flight.core.handle(stopped(flight, "hold"))

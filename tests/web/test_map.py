@@ -550,7 +550,7 @@ def test_a_burn_plan_is_rejected_and_the_next_approved(chromium: Browser, tmp_pa
         page.get_by_role("button", name="Plan the next line").click()
         second = wait_for(lambda: burn.get("burn")["plan_hash"], 30, "another plan")
         items = [each["item"] for each in burn.get("burn")["guidance"]["checklist"]["items"]]
-        # An answer of another station does not replace a button under the finger.
+        # A GO from another station does not replace a button while it is pressed.
         page.get_by_role("button", name="GO", exact=True).first.hover()
         page.mouse.down()
         burn.post("burn/go", item=items[1])

@@ -135,7 +135,7 @@ def daily_records(
 
 
 def _winds_between(begin: datetime, end: datetime, path: Path, rows: NumberedRows) -> list[Wind]:
-    """Return the winds of a .wnd file in the year in which they overlap a period; [] if in none."""
+    """Return the winds of a .wnd file, dated in the first year with an overlap; [] if none."""
     for year in (begin.year, begin.year + 1, begin.year - 1):  # a period may begin in December
         winds = winds_in(path, rows, year)
         if winds[0].at <= end and winds[-1].at >= begin:

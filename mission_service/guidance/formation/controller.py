@@ -105,7 +105,7 @@ class FormationFlight(Guidance):
         self.planners = self.formation.members
         self._missions = missions
         self._states = {section.name: OrderState() for section in scenario.vehicles}
-        self._ordered_to = ""  # the vehicle to which this event gives an order
+        self._ordered_to = ""  # the vehicle that receives an order in the current event
         self._rejected_senders: set[str] = set()
         self._in_contact = (
             not scenario.formation.peer_messaging
@@ -343,7 +343,7 @@ class FormationFlight(Guidance):
         """Return the commands with which the agent guides a vehicle home.
 
         The result is None if the vehicle is near home, if the agent's time limit has passed, if the
-        agent has not taken control, or without contact to the other processes.
+        agent has not taken control, or if this process has no contact with the other processes.
         """
         state = self._states[vehicle.name]
         away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)

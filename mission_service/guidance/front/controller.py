@@ -78,8 +78,8 @@ class FrontFlight(Guidance):
         self._watch = FrontMonitor(self.planners, landscape.cell_size_m)
         self._renewal = Renewal(scenario.mission, traffic)
         self._sent_along: dict[str, Floats] = {}  # paths set by ``send_to``
-        self._give_way_ids: dict[str, int] = {}  # numbers of the last missions that give way
-        self._asked = ""  # the vehicle to which this event sends such a mission
+        self._give_way_ids: dict[str, int] = {}  # by vehicle: ID of its last mission to give way
+        self._giving_way = ""  # the vehicle that received such a mission in the current event
         self._adviser = TeamSizeAdviser(
             CoverageTargets(scenario.planner.max_revisit_s, scenario.planner.max_unseen_advance_m)
         )
@@ -207,9 +207,9 @@ class FrontFlight(Guidance):
             0 if pending is None else pending.mission_id,
             0 if accepted is None else accepted.mission_id,
         )
-        asked, self._asked = self._asked == name, ""
+        asked, self._giving_way = self._giving_way == name, ""
         if asked and not any(_is_upload(each, name, way_id) for each in leaving):
-            self.traffic.on_unable(name, event.at_us / 1e6)
+            self.traffic.on_giving_way_prevented(name, event.at_us / 1e6)
         if isinstance(event, UploadFinished):
             return
         if any(_leads_away(each, name) and not _is_upload(each, name, way_id) for each in leaving):
@@ -241,7 +241,7 @@ class FrontFlight(Guidance):
                 return []
         place = self.traffic.waits_at(vehicle.name)
         upload = self._upload(vehicle, place, fix, f"give way to {other}", keeps_apart=True)
-        self._give_way_ids[vehicle.name], self._asked = upload.mission_id, vehicle.name
+        self._give_way_ids[vehicle.name], self._giving_way = upload.mission_id, vehicle.name
         return [upload]
 
     def _follow(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
@@ -312,7 +312,7 @@ class FrontFlight(Guidance):
 
 
 def _is_upload(command: AnyCommand, name: str, mission_id: int | None) -> bool:
-    """Return whether a command uploads the mission with a number to a vehicle."""
+    """Return whether a command uploads the mission with this ID to this vehicle."""
     if not isinstance(command, UploadMission) or command.vehicle != name:
         return False
     return command.mission_id == mission_id

@@ -17,7 +17,7 @@ import numpy as np
 from mission_service.guidance.team.front_ring import Floats, FrontRing
 
 ADVISE_EVERY_S = 300.0
-MAX_VEHICLES = 100  # a larger number that is needed is not computed
+MAX_VEHICLES = 100  # if more are needed, their number is not computed
 PARTS = 64  # number of parts of the ring; an arc begins and ends at part borders
 
 

@@ -204,7 +204,7 @@ class _Client(asyncio.Protocol):
             self._queued.append(wrong(f"the line has more than {MAX_LINE_BYTES} bytes"))
             self._ended = True
         elif _is_abort(line):
-            self._queued.append(self._answer(_replaced(line)))
+            self._queued.append(self._answer(_as_valid_utf8(line)))
         elif self.late:
             text = f"{MAX_CLIENTS} clients are connected (the limit); only an abort is accepted"
             self._queued.append(wrong(text))
@@ -264,12 +264,12 @@ def _is_abort(line: bytes) -> bool:
     if b"abort" not in line:  # avoids decoding most lines twice
         return False
     try:
-        request = msgspec.json.decode(_replaced(line))
+        request = msgspec.json.decode(_as_valid_utf8(line))
     except (ValueError, RecursionError):  # ValueError includes UnicodeDecodeError
         return False
     return isinstance(request, dict) and request.get("do") == "abort"
 
 
-def _replaced(line: bytes) -> bytes:
-    """Return a line in which U+FFFD replaces each byte that is not UTF-8, such as in a name."""
+def _as_valid_utf8(line: bytes) -> bytes:
+    """Return a line with U+FFFD in place of each byte that is not UTF-8, for example in a name."""
     return line.decode(errors="replace").encode()

@@ -97,7 +97,7 @@ def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Peri
         notes += odd
         if area is None:
             continue
-        area = _turned(area, extent)
+        area = _near_longitude_of(area, extent)
         if not area.intersects(extent):
             off.append((number, area))
             continue
@@ -124,8 +124,8 @@ def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Peri
     return Perimeter(area, area_m2(area) / 1e4, vertices, records, notes)
 
 
-def _turned(area: Any, extent: BaseGeometry) -> Any:
-    """Return polygons with each part shifted by full turns to the longitudes of the landscape."""
+def _near_longitude_of(area: Any, extent: BaseGeometry) -> Any:
+    """Return polygons, each part shifted by a multiple of 360 degrees to the landscape\'s side."""
     middle_deg, parts = extent.centroid.x, shapely.get_parts(area)
     turns = [round((middle_deg - part.centroid.x) / 360.0) for part in parts]
     if not any(turns):

@@ -167,21 +167,21 @@ class _Analyser:
         return self._analysis
 
     def _steps(self) -> Iterator[tuple[AnyEvent, list[AnyCommand] | None]]:
-        """Yield each event that no restart has skipped, and its commands, if they are not sure.
+        """Yield each event that no restart has skipped, and the commands that replace the core's.
 
-        The commands of the journal are not sure between a skipped line and ``LinesSkipped``,
-        because the core's state may differ from that of the live run.
+        Between a skipped line and ``LinesSkipped``, the state of this core may differ from that of
+        the live run, so the journalled commands are yielded. Elsewhere the second value is None.
         """
         event: AnyEvent | None = None
         commands: list[AnyCommand] | None = None
-        sure = True
+        is_reproducible = True
         for line, content in self._log.located():
-            sure = sure and line not in self._log.skipped
+            is_reproducible = is_reproducible and line not in self._log.skipped
             if isinstance(content, AnyEvent):
                 if event is not None:
                     yield event, commands
-                sure = sure or isinstance(content, LinesSkipped)
-                event, commands = content, None if sure else []
+                is_reproducible = is_reproducible or isinstance(content, LinesSkipped)
+                event, commands = content, None if is_reproducible else []
             elif content is not None and commands is not None:
                 commands.append(content)
         if event is not None:

@@ -41,7 +41,7 @@ class ArrivedImages:
         self._number = 0  # number of images used so far
         self.images: deque[SensorImage] = deque(maxlen=MAX_IMAGES)
 
-    def keep_burned(self, since_s: Floats) -> None:
+    def restore_burned(self, since_s: Floats) -> None:
         """Set since when (y, x) images have shown cells as burned, in seconds since 1970."""
         self._burned.since_s = since_s
 

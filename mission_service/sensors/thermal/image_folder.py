@@ -54,9 +54,9 @@ class ImageFolder(WatchedFolder):
         """Return the current time in UTC; ``at_us`` is the current mission time."""
         return time.time() if self._zero_s is None else self._zero_s + at_us / 1e6
 
-    def keep_burned(self, since_s: Floats, at_us: int) -> None:
+    def restore_burned(self, since_s: Floats, at_us: int) -> None:
         """Set which cells were shown as burned before a restart at ``at_us``."""
-        self._images.keep_burned(since_s + (self._now_s(at_us) - at_us / 1e6))
+        self._images.restore_burned(since_s + (self._now_s(at_us) - at_us / 1e6))
 
     def process_file(self, path: Path, now: datetime) -> None:
         """Read an image, and find its cells. Raises MissionServiceError or FireModelError."""

@@ -51,9 +51,9 @@ class ThermalVideo(ThreadedSensor):
     def on_event(self, event: AnyEvent) -> None:
         """Ignore the events of the run."""
 
-    def keep_burned(self, since_s: Floats, at_us: int) -> None:
+    def restore_burned(self, since_s: Floats, at_us: int) -> None:
         """Set which cells were shown as burned before a restart at ``at_us``."""
-        self._images.keep_burned(since_s + (time.time() - at_us / 1e6))
+        self._images.restore_burned(since_s + (time.time() - at_us / 1e6))
 
     def _run(self) -> None:
         try:

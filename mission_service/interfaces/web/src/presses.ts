@@ -1,5 +1,5 @@
-// Controls that are shown again must not be replaced under a finger: a click is lost if its element is
-// replaced between the press and the release.
+// A click is lost if its element is replaced between the press and the release. Elements are therefore not
+// replaced while a pointer presses them.
 
 let pressed: Node | null = null;
 const waiting = new Map<Element, () => void>();
