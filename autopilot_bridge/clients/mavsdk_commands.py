@@ -10,7 +10,12 @@ from autopilot_bridge.clients.mavsdk_system import NO_ANSWER, MavsdkSystem
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import is_for
 from autopilot_bridge.stacks.stacks import Stack, Step
-from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, result_words
+from autopilot_bridge.vehicle.command_sequence import (
+    RESULT_AFTER_RECEIPT_US,
+    TAKEN,
+    command_message,
+    result_words,
+)
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step
 from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import VehicleMonitor
@@ -64,13 +69,18 @@ class MavsdkCommands:
         for step in steps:
             if len(self.overrides) > overrides:
                 return False, self.overrides[-1]
-            refusal = await self._send_step(step, stack, overrides)
+            refusal = await self._send_step(step, stack, overrides, is_last=step is steps[-1])
             if refusal:
                 return False, refusal
         return True, "accepted"
 
-    async def _send_step(self, step: Step, stack: Stack, overrides: int) -> str:
-        """Send a command, and return the reason why it was refused; "" if it was accepted."""
+    async def _send_step(self, step: Step, stack: Stack, overrides: int, is_last: bool) -> str:
+        """Send a command, and return the reason why it was refused; "" if it was accepted.
+
+        If PX4 reports neither a refusal nor the new mode, the last step counts as accepted after
+        ``RESULT_AFTER_RECEIPT_US``, so that the next command is not delayed; another step is
+        refused, because a command follows that requires the mode.
+        """
         modes, command = modes_of_step(step, stack), step.command
         self._modes.expect(modes, self._clock())
         self._refused.pop(command, None)
@@ -96,13 +106,13 @@ class MavsdkCommands:
                 or len(self.overrides) > overrides
                 or (self._heartbeats > heartbeats and self._monitor.custom_mode in modes)
             ),
-            2 * REPLY_TIMEOUT_S,
+            RESULT_AFTER_RECEIPT_US / 1e6 if is_last else 2 * REPLY_TIMEOUT_S,
         )
         if command in self._refused:
             return f"command {command} {result_words(self._refused[command])}"
         if len(self.overrides) > overrides:
             return self.overrides[-1]
-        return "" if self._monitor.custom_mode in modes else NOT_REPORTED
+        return "" if is_last or self._monitor.custom_mode in modes else NOT_REPORTED
 
     async def change_mode(self, stack: Stack, before: int, custom_mode: int) -> tuple[bool, str]:
         """Change the mode right after a heartbeat, and only if the mode is still ``before``."""

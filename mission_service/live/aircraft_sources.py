@@ -75,6 +75,8 @@ class SourceReceiver:
             return (
                 f"{self.source.label} sends more than {kilobytes:.0f} kB/s; the rest is discarded"
             )
+        if self._decoder.problem:
+            return f"{self.source.label}: {self._decoder.problem}"
         if clock_us() - self._received_us > self._silent_us:
             return f"no data from {self.source.label} for {self._silent_us / 1e6:.0f} s"
         return ""

@@ -31,6 +31,9 @@ M_S_PER_KNOT, M_S_PER_FPM = M_PER_NMI / 3600.0, M_PER_FT / 60.0
 class AircraftDecoder(Protocol):
     """A decoder of one source's format, which updates an ``AircraftTable``."""
 
+    problem: str
+    """Why no message is used at present, in words; otherwise ""."""
+
     @property
     def rejected(self) -> int:
         """The number of messages that were damaged or implausible."""

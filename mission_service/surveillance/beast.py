@@ -22,6 +22,8 @@ MAX_MESSAGE = 2 + 2 * (PREFIX + LENGTH)  # bytes, if each one is sent twice
 class BeastDecoder:
     """The decoder of one connection."""
 
+    problem = ""
+
     def __init__(self, table: AircraftTable, source: str) -> None:
         """Update ``table`` with the messages of ``source``."""
         self._squitters = ModeSDecoder(table, source)

@@ -29,6 +29,7 @@ MAX_UID = 64
 UNKNOWN_M = 9_999_999.0
 MAX_SLOPE_DEG = 60.0
 CLOCKS_US = 5_000_000  # tolerated difference between the clocks of the sender and the service
+STALE_ONLY_US = 5_000_000  # events that are all stale for this time are a problem
 _AIR_TRACK = re.compile(rb"""\stype\s*=\s*["']a-[^"'-]+-A""")
 _WINTAK_TIME = re.compile(r"(T\d\d:\d\d:\d\d):(\d{1,6}Z?)$")  # a colon instead of a decimal point
 _ICAO = re.compile(r"icao[-_. ]?([0-9a-f]{6})", re.IGNORECASE)
@@ -40,6 +41,8 @@ class CotTrackDecoder:
     def __init__(self, table: AircraftTable, source: str) -> None:
         """Update ``table`` with the events of ``source``."""
         self.rejected = 0
+        self.problem = ""
+        self._used_at_us: int | None = None  # mission time at which an event was used last
         self._table = table
         self._source = source
         self._rest = b""
@@ -70,7 +73,9 @@ class CotTrackDecoder:
             age_us = max(unix_us - unix_us_of(root.get("time", "")), 0)
             stale_us = unix_us_of(root.get("stale", "")) + CLOCKS_US
             if unix_us > stale_us or age_us > 1e6 * MAX_AGE_S:
+                self._report_stale(age_us, at_us)
                 raise ValueError("an event is stale")
+            self._used_at_us, self.problem = at_us, ""
             at_us -= age_us
         known = self._table.track_of(key, self._source)
         if known is not None and known.at_us > at_us:
@@ -85,6 +90,14 @@ class CotTrackDecoder:
         detail = root.find("detail")
         if detail is not None:
             self._detail(detail, track)
+
+    def _report_stale(self, age_us: int, at_us: int) -> None:
+        """Describe the problem of an event that is not used, unless a recent event was used."""
+        if self._used_at_us is None or at_us - self._used_at_us > STALE_ONLY_US:
+            self.problem = (
+                f"its events are {age_us / 1e6:.0f} s old and are not used; compare the clocks of "
+                "the sender and of this computer"
+            )
 
     def _detail(self, detail: ElementTree.Element, track: Track) -> None:
         contact, motion = detail.find("contact"), detail.find("track")

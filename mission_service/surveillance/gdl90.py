@@ -36,6 +36,8 @@ def _signed(value: int, bits: int) -> int:
 class Gdl90Decoder:
     """The decoder of one source; datagrams contain whole messages."""
 
+    problem = ""
+
     def __init__(self, table: AircraftTable, source: str) -> None:
         """Update ``table`` with the reports of ``source``."""
         self.rejected = 0

@@ -26,6 +26,8 @@ ON_GROUND = 21
 class SbsDecoder:
     """The decoder of one connection."""
 
+    problem = ""
+
     def __init__(self, table: AircraftTable, source: str) -> None:
         """Update ``table`` with the reports of ``source``."""
         self.rejected = 0

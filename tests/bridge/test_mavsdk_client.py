@@ -112,12 +112,14 @@ class AckedSystem:
 
     def __init__(self) -> None:
         self.sent: list[Any] = []
+        self.waits_s: list[float] = []
         self.direct = SimpleNamespace(send_command=self.sent.append)
 
     async def call(self, sent: None) -> Any:
         return SimpleNamespace(fields_json='{"result": 0}')
 
     async def until(self, condition: Callable[[], bool], within_s: float) -> bool:
+        self.waits_s.append(within_s)
         return condition()
 
 
@@ -127,6 +129,14 @@ def test_px4_is_not_armed_if_no_heartbeat_reports_the_mission_mode() -> None:
     outcome = asyncio.run(MavsdkCommands(*parts).send_steps(stack.start, stack))
     assert outcome == (False, "no HEARTBEAT reported the new mode")
     assert len(system.sent) == 1
+
+
+def test_without_a_heartbeat_the_last_mode_change_delays_no_other_order() -> None:
+    stack, system = stack_named("px4", "plane"), AckedSystem()
+    parts: Any = (system, VehicleMonitor(3_000_000, None), (1, 1), clock_us)
+    steps = (stack.set_mode(stack.rtl_mode),)
+    assert asyncio.run(MavsdkCommands(*parts).send_steps(steps, stack)) == (True, "accepted")
+    assert system.waits_s == [0.5]
 
 
 async def ignores_frames_from_another_remote() -> None:

@@ -137,7 +137,7 @@ def test_datagrams_are_received_and_garbage_changes_nothing(context: RunContext)
     asyncio.run(run())
 
 
-def test_stale_events_are_rejected(context: RunContext) -> None:
+def test_stale_events_are_rejected_with_an_alarm(context: RunContext) -> None:
     async def run() -> None:
         port, table = free_port(socket.SOCK_DGRAM), context.service.aircraft.table
         async with receiving(context, section_of("cot", port)):
@@ -147,8 +147,12 @@ def test_stale_events_are_rejected(context: RunContext) -> None:
                 new = cot_event(CRAFT).decode().replace("2026-08-01T12:00:00.000Z", zulu(now_us))
                 new = new.replace("2026-08-01T12:00:30.000Z", zulu(now_us + 30_000_000))
                 sender.sendto(old.replace(b"2026-08", b"2020-08"), ("127.0.0.1", port))
+                await until(lambda: alarms(context))
+                assert "s old and are not used; compare the clocks" in next(
+                    iter(alarms(context).values())
+                )
                 sender.sendto(new.encode(), ("127.0.0.1", port))
-                await until(lambda: table.tracks)
+                await until(lambda: table.tracks and not alarms(context))
                 assert list(table.tracks) == ["a4c2f1"]
                 assert context.gauges["aircraft_rejected_total"]() == 1.0
 

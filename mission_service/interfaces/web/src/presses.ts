@@ -7,7 +7,10 @@ const waiting = new Map<Element, () => void>();
 /** Run a job that replaces parts of `element`: now, or as soon as no pointer presses on a part of it. */
 export function whenReleased(element: Element, job: () => void): void {
   if (pressed && element.contains(pressed)) waiting.set(element, job); // in place of an earlier job
-  else job();
+  else {
+    waiting.delete(element);
+    job();
+  }
 }
 
 function release(): void {
@@ -17,8 +20,10 @@ function release(): void {
   for (const job of jobs) job();
 }
 
-addEventListener("pointerdown", (event) => (pressed = event.target as Node), true);
+addEventListener("pointerdown", (event) => {
+  if (event.button === 0) pressed = event.target as Node;
+}, true);
 // The listeners of a clicked element are called even if the element is replaced here.
 addEventListener("click", release, true);
 addEventListener("pointerup", () => setTimeout(release), true); // without a click
-addEventListener("pointercancel", release, true);
+for (const end of ["pointercancel", "contextmenu", "blur"]) addEventListener(end, release, true);
