@@ -439,7 +439,7 @@ class NativeClient:
 
     def _send_commands(self, messages: list[Message], now_us: int) -> None:
         for message in messages:
-            self._sent_commands.sent(message, now_us)
+            self._sent_commands.sent(message, now_us, self._connected_stack())
         self._outgoing += messages
 
 

@@ -98,6 +98,10 @@ class Stack:
             raise BridgeError(f"{self.name} {self.kind} has no mode {name!r}; it has {names}")
         return numbers[name]
 
+    def acks_of(self, command: int) -> int:
+        """Return the number of COMMAND_ACKs with which the autopilot answers one command."""
+        return 2 if self.name == "px4" and command == mavlink.MAV_CMD_DO_SET_MODE else 1
+
     def set_mode(self, custom_mode: int) -> Step:
         """Return the MAV_CMD_DO_SET_MODE command for a mode number of this stack."""
         if self.name == "px4":

@@ -2,7 +2,8 @@
 
 sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK rejected--> ended
 sent --ACK on receipt--> received
-received --ACK accepted, or none in time--> next step; received --ACK rejected--> ended
+received --ACK accepted--> next step; received --ACK rejected--> ended
+received --no ACK in time--> sent again; the second time--> next step
 sent: the command is repeated on timeout
 working: the command was accepted and is not repeated; its completion may be reported late or never
 """
@@ -36,6 +37,7 @@ def result_words(result: int) -> str:
     return RESULTS.get(result, f"MAV_RESULT {result}")
 
 
+MAX_LOST_RESULTS = 2
 RESULT_AFTER_RECEIPT_US = 500_000  # longest wait for the second acknowledgement of a command
 # The reason for a rejection may arrive later as a text (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
@@ -78,7 +80,8 @@ class CommandSequence:
     If frames with the same command were sent before a step and may still be acknowledged, no
     acknowledgement is used until ``ANSWERED_WITHIN_US`` have passed; the step is sent again
     meanwhile. If a step is acknowledged on receipt, its second acknowledgement contains the result.
-    If none arrives within ``RESULT_AFTER_RECEIPT_US``, the step counts as accepted.
+    If none arrives within ``RESULT_AFTER_RECEIPT_US``, the step is repeated once; if none arrives
+    again, it counts as accepted, because another version may send only one acknowledgement.
     """
 
     def __init__(
@@ -115,6 +118,7 @@ class CommandSequence:
         self._deadline_us = 0
         self._working = False
         self._is_received = False  # the step was acknowledged, and its result is still to come
+        self._lost_results = 0  # how often no result followed
         self._setting: ParameterSet | None = None
         self._refusal: str | None = None
         self._text = ""
@@ -134,7 +138,7 @@ class CommandSequence:
     def _begin(self, now_us: int) -> list[Message]:
         step = self._steps[self._index]
         self._tries, self._working, self._repeats = 0, False, False
-        self._is_received = False
+        self._is_received, self._lost_results = False, 0
         if isinstance(step, Step):
             self._setting = None
             is_doubtful = self._sent.may_be_acknowledged(step.command, now_us)
@@ -236,7 +240,10 @@ class CommandSequence:
             messages = self._setting.handle_timer(now_us)
             return messages + self._after_setting(now_us)
         if self._is_received:
-            return self._next(now_us)
+            self._is_received = False
+            self._lost_results += 1
+            if self._lost_results == MAX_LOST_RESULTS:
+                return self._next(now_us)
         step = self._steps[self._index]
         assert isinstance(step, Step)
         if self._repeats and self._without_heartbeats:

@@ -11,25 +11,29 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import is_for
+from autopilot_bridge.stacks.stacks import Stack
 
 ANSWERED_WITHIN_US = 3_000_000  # a later acknowledgement is assumed to be lost
 COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
+MAX_EXPECTED = 32  # acknowledgements of one command; more are not sent within the time above
 
 
 class SentCommands:
     """The times at which commands were sent that have not been acknowledged, by number.
 
-    ``own`` is this station: its system id and component id.
+    A time is recorded once for each expected acknowledgement. ``own`` is this station: its system
+    id and component id.
     """
 
     def __init__(self, own: tuple[int, int]) -> None:
         self.own = own
         self._sent_us: dict[int, deque[int]] = {}
 
-    def sent(self, message: Message, now_us: int) -> None:
+    def sent(self, message: Message, now_us: int, stack: Stack) -> None:
         """Record a message that is sent, if it is a command."""
         if message.get_type() in COMMANDS:
-            self._sent_us.setdefault(message.command, deque(maxlen=8)).append(now_us)
+            sent_us = self._sent_us.setdefault(message.command, deque(maxlen=MAX_EXPECTED))
+            sent_us.extend([now_us] * stack.acks_of(message.command))
 
     def receive(self, message: Message, now_us: int) -> None:
         """Record a final COMMAND_ACK for this station, which belongs to the oldest frame."""

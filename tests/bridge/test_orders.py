@@ -437,8 +437,24 @@ def test_px4_refuses_a_mode_after_it_has_acknowledged_the_receipt() -> None:
     accepted.receive(ack(0, command=command), 20_000)
     assert accepted.outcome == (True, "accepted")
     assert lost.next_timer() == 510_000
-    assert lost.handle_timer(510_000) == []
-    assert lost.outcome == (True, "accepted")
+    (again,) = lost.handle_timer(510_000)
+    assert (again.command, again.confirmation) == (command, 1)
+    lost.receive(ack(0, command=command), 520_000)
+    refusal = ack(mavlink.MAV_RESULT_TEMPORARILY_REJECTED, command=command)
+    lost.receive(refusal, 530_000)
+    lost.handle_timer(830_000)
+    assert lost.outcome == (
+        False,
+        "DO_SET_MODE temporarily rejected when it was repeated; it may have been accepted before",
+    )
+
+
+def test_px4_with_a_single_acknowledgement_accepts_a_mode_after_a_repeat() -> None:
+    sequence, command = mode_change_received_by_px4(), mavlink.MAV_CMD_DO_SET_MODE
+    assert len(sequence.handle_timer(510_000)) == 1
+    sequence.receive(ack(0, command=command), 520_000)
+    assert sequence.handle_timer(1_020_000) == []
+    assert sequence.outcome == (True, "accepted")
 
 
 def test_px4_is_not_armed_after_it_has_refused_the_mission_mode() -> None:
@@ -468,7 +484,9 @@ def test_a_refusal_that_arrives_after_the_timeout_is_not_followed_by_a_repeat() 
 
 
 class Plane:
-    """An ArduPlane with the frames, answers and losses of a test."""
+    """A plane (default: ArduPlane) with the frames, answers and losses of a test."""
+
+    autopilot = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 
     def __init__(self) -> None:
         self.client, self.now_us = NativeClient(rates_hz={}), 0
@@ -480,7 +498,7 @@ class Plane:
         self.client.receive_data(self._codec.encode(message), self.now_us)
 
     def heartbeat(self, mode: int) -> None:
-        self.receive(mavlink.MAVLink_heartbeat_message(1, 3, 129, mode, 4, 3))
+        self.receive(mavlink.MAVLink_heartbeat_message(1, self.autopilot, 129, mode, 4, 3))
 
     def acknowledge(self, command: int = mavlink.MAV_CMD_DO_SET_MODE) -> None:
         self.receive(mavlink.MAVLink_command_ack_message(command, 0, 0, 0, *OWN))
@@ -549,6 +567,32 @@ def test_two_acknowledgements_of_a_replaced_order_do_not_count_for_the_next_one(
     assert plane.sent() == [12.0]
     plane.acknowledge()
     assert plane.outcomes() == [("hold", True)]
+
+
+class Px4Plane(Plane):
+    autopilot = mavlink.MAV_AUTOPILOT_PX4
+
+
+@pytest.mark.parametrize("orders", [["return", "hold"] * 2, ["return", "return", "hold"]])
+def test_each_of_two_acknowledgements_belongs_to_the_same_frame(orders: list[str]) -> None:
+    """Returns and holds in a burst to PX4; the frame of the return at the end is lost."""
+    px4 = Px4Plane()
+    for order in orders:
+        px4.client.command(order, px4.now_us)
+        px4.now_us += 100_000
+    for _ in range(2):  # of the first return
+        px4.acknowledge()
+    px4.client.command("return", px4.now_us)
+    px4.sent()
+    px4.now_us += 300_000
+    for _ in range(2):  # of the second return
+        px4.acknowledge()
+    assert ("return", True) not in px4.outcomes()
+    px4.wait(4.0, mode=3 << 24 | 4 << 16)
+    assert px4.sent() == [4.0]
+    for _ in range(2):
+        px4.acknowledge()
+    assert px4.outcomes() == [("return", True)]
 
 
 def test_a_heartbeat_from_before_an_order_does_not_show_its_effect() -> None:
