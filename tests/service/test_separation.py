@@ -315,23 +315,46 @@ def test_giving_way_is_repeated_after_a_failed_upload(land: Landscape) -> None:
     assert not flight.gave_way("hawk", "kite")
 
 
-def test_the_other_vehicle_gives_way_if_closed_airspace_prevents_the_first(
-    land: Landscape, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    flight = HeadOn(land)
+def withhold(flight: HeadOn, monkeypatch: pytest.MonkeyPatch, why: str) -> None:
+    """Withhold kite's missions with this reason, as the airspace guard does."""
     checked = flight.core.airspace.checked
 
     def withheld(commands: list[AnyCommand], at_s: float, accepted: bool) -> list[AnyCommand]:
-        """Withhold a mission as the airspace guard does."""
-        if "give way to hawk" in reasons(commands):
+        if why in reasons(commands):
             flight.core.vehicles["kite"].drop_upload()
             return []
         return checked(commands, at_s, accepted)
 
     monkeypatch.setattr(flight.core.airspace, "checked", withheld)
+
+
+def test_the_other_vehicle_gives_way_if_closed_airspace_prevents_the_first(
+    land: Landscape, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = HeadOn(land)
+    withhold(flight, monkeypatch, "give way to hawk")
     flight.flies(30, "hawk", "kite")
     assert not flight.gave_way("kite", "hawk")
     assert len(flight.gave_way("hawk", "kite")) == 1
+
+
+def test_a_vehicle_leaves_its_waiting_place_if_closed_airspace_prevents_another_one(
+    land: Landscape, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Kite has given way to hawk, and then cannot give way to swift, which a pilot flies."""
+    flight = HeadOn(land, "vehicles.2.altitude_agl_m=150")
+    withhold(flight, monkeypatch, "give way to swift")
+    flight.flies(8, "hawk", "kite")
+    assert flight.gave_way("kite", "hawk")
+    flight.moves("swift", -900.0, 15.0)
+    flight.core.handle(ModeChanged(flight.at_us, "swift", 0, True, "manual"))
+    for second in range(90):
+        flight.at_s += 1.0
+        flight.moves("hawk", -330.0 + 15.0 * second, 15.0)
+        flight.moves("kite", 330.0, -0.1)
+        flight.moves("swift", -660.0 + 15.0 * second, 15.0)
+    assert not flight.gave_way("kite", "swift")
+    assert [why for _, why in flight.sent["kite"]].count("the path is clear") == 1
 
 
 def stopped(flight: HeadOn, how: str) -> AnyEvent:

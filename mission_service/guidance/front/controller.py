@@ -51,6 +51,7 @@ from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 Floats = NDArray[np.float64]
+PATH_IS_CLEAR = "the path is clear"
 
 
 class FrontFlight(Guidance):
@@ -78,8 +79,8 @@ class FrontFlight(Guidance):
         self._watch = FrontMonitor(self.planners, landscape.cell_size_m)
         self._renewal = Renewal(scenario.mission, traffic)
         self._sent_along: dict[str, Floats] = {}  # paths set by ``send_to``
-        self._give_way_ids: dict[str, int] = {}  # by vehicle: ID of its last mission to give way
-        self._giving_way = ""  # the vehicle that received such a mission in the current event
+        self._give_way_ids: dict[str, int] = {}  # by vehicle: ID of the last one sent to give way
+        self._giving_way = ("", 0)  # vehicle and ID of such a mission in the current event
         self._adviser = TeamSizeAdviser(
             CoverageTargets(scenario.planner.max_revisit_s, scenario.planner.max_unseen_advance_m)
         )
@@ -199,7 +200,7 @@ class FrontFlight(Guidance):
 
         After a failed upload, the vehicle continues to give way: the upload is repeated.
         """
-        name, way_id = vehicle.name, self._give_way_ids.get(vehicle.name)
+        name = vehicle.name
         unconfirmed = None if vehicle.unconfirmed is None else vehicle.unconfirmed.pending
         pending, accepted = vehicle.pending or unconfirmed, vehicle.accepted
         self.traffic.on_outcome(
@@ -207,13 +208,29 @@ class FrontFlight(Guidance):
             0 if pending is None else pending.mission_id,
             0 if accepted is None else accepted.mission_id,
         )
-        asked, self._giving_way = self._giving_way == name, ""
-        if asked and not any(_is_upload(each, name, way_id) for each in leaving):
-            self.traffic.on_giving_way_prevented(name, event.at_us / 1e6)
+        self._settle_giving_way(vehicle, event.at_us / 1e6, leaving)
         if isinstance(event, UploadFinished):
             return
+        way_id = self._give_way_ids.get(name)
         if any(_leads_away(each, name) and not _is_upload(each, name, way_id) for each in leaving):
             self.traffic.end_giving_way(name)
+
+    def _settle_giving_way(self, vehicle: Vehicle, at_s: float, leaving: list[AnyCommand]) -> None:
+        """Record whether the current event's mission to give way is sent.
+
+        If closed airspace prevents this mission, a vehicle that has given way to another one must
+        not stay at its waiting position: a new mission is due.
+        """
+        name, accepted = vehicle.name, vehicle.accepted
+        (asked, mission_id), self._giving_way = self._giving_way, ("", 0)
+        if asked != name:
+            return
+        if any(_is_upload(each, name, mission_id) for each in leaving):
+            self._give_way_ids[name] = mission_id
+            return
+        self.traffic.on_giving_way_prevented(name, at_s)
+        if accepted is not None and accepted.mission_id == self._give_way_ids.get(name):
+            vehicle.due = vehicle.due or PATH_IS_CLEAR
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Return the commands to give way, or to replace the mission if necessary."""
@@ -230,7 +247,7 @@ class FrontFlight(Guidance):
         other = self.traffic.give_way_to(vehicle.name)
         if other is None:
             if waiting is not None:
-                vehicle.due = "the path is clear"
+                vehicle.due = PATH_IS_CLEAR
             return None
         if other == waiting:
             accepted, way_id = vehicle.accepted, self._give_way_ids.get(vehicle.name)
@@ -241,7 +258,7 @@ class FrontFlight(Guidance):
                 return []
         place = self.traffic.waits_at(vehicle.name)
         upload = self._upload(vehicle, place, fix, f"give way to {other}", keeps_apart=True)
-        self._give_way_ids[vehicle.name], self._giving_way = upload.mission_id, vehicle.name
+        self._giving_way = vehicle.name, upload.mission_id
         return [upload]
 
     def _follow(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
