@@ -5,9 +5,9 @@ from mission_service.commands import AnyCommand, Hold
 from mission_service.core.landings import Landings
 from mission_service.core.mission_starts import MissionStarts
 from mission_service.guidance.protocol import Guidance
+from mission_service.vehicles.missions_sent import RETRY_S
 from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Vehicle, announce
 
-RETRY_S = 5.0
 START_AGAIN_S = 10.0
 # These commands are sent often, so that only their refusals are announced.
 UNANNOUNCED = ("orbit", "change speed")

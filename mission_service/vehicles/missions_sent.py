@@ -11,6 +11,7 @@ from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Vehicl
 
 Floats = NDArray[np.float64]
 LINE_TOLERANCE_M = 5.0
+RETRY_S = 5.0  # time from a failed upload to the next one
 
 
 class MissionsSent:

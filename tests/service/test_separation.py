@@ -19,6 +19,7 @@ from mission_service.core.core import Core
 from mission_service.events import (
     AnyEvent,
     ModeChanged,
+    Observed,
     OrderGiven,
     Telemetry,
     UploadFinished,
@@ -313,6 +314,21 @@ def test_giving_way_is_repeated_after_a_failed_upload(land: Landscape) -> None:
     first_s, again_s = flight.gave_way("kite", "hawk")
     assert again_s - first_s <= 6.0
     assert not flight.gave_way("hawk", "kite")
+
+
+def test_a_failed_upload_to_give_way_is_not_repeated_sooner_after_an_observation(
+    land: Landscape,
+) -> None:
+    flight = HeadOn(land)
+    for second in range(20):
+        flight.at_s += 1.0
+        flight.fails = ["give way to hawk"]
+        flight.core.handle(Observed(flight.at_us, "kite", 0, 0, ("u",), source="a sensor"))
+        for name, side in (("hawk", -1.0), ("kite", 1.0)):
+            flight.moves(name, side * (450.0 - 15.0 * second), -15.0 * side)
+    attempts_s = flight.gave_way("kite", "hawk")
+    assert len(attempts_s) > 2
+    assert min(np.diff(attempts_s)) >= 5.0
 
 
 def withhold(flight: HeadOn, monkeypatch: pytest.MonkeyPatch, why: str) -> None:

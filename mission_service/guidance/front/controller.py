@@ -46,7 +46,7 @@ from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import LEADS_TO
 from mission_service.vehicles.first_climb import with_first_climb
 from mission_service.vehicles.home_altitude import landing_items
-from mission_service.vehicles.missions_sent import MissionsSent
+from mission_service.vehicles.missions_sent import RETRY_S, MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
@@ -252,7 +252,7 @@ class FrontFlight(Guidance):
         if other == waiting:
             accepted, way_id = vehicle.accepted, self._give_way_ids.get(vehicle.name)
             if accepted is None or accepted.mission_id != way_id:
-                if fix.at_s < vehicle.not_before_s:
+                if fix.at_s < vehicle.upload_ended_at_s + RETRY_S:
                     return []  # the upload has failed, and is repeated later
             elif not self.traffic.comes_too_low(vehicle.name):
                 return []
