@@ -492,8 +492,10 @@ class Engine:
             self.recording.remove_last()
             self.defect = _defect(event, error, self._scenario.planner.rule)
             raise self.defect from error
-        if not may_act and self._interlock is not None:  # ``retry`` journals these commands
-            self._interlock.on_commands(commands)
+        for command in () if may_act else commands:  # ``retry`` journals these commands
+            self._apply_command_to_fire(command)
+            if self._interlock is not None:
+                self._interlock.on_commands([command])
         for command in commands if may_act else ():
             if isinstance(command, BroadcastMessage):
                 self._broadcast(command.message)

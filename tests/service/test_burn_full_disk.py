@@ -10,7 +10,9 @@ import pytest
 from mission_service.commands import Drop
 from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
-from mission_service.events import AnyOperatorEvent, DropFinished
+from mission_service.events import AnyEvent, AnyOperatorEvent, DropFinished
+from mission_service.fire.best_fire import Ignited
+from mission_service.fire.ignition_reports import ignition_reports_of
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
 from mission_service.guidance.burn.interlock import Interlock
@@ -29,7 +31,7 @@ class BurnOnDisk:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "journal.jsonl"
-        scenario = load_scenario("burn", SMALL)
+        self.scenario = scenario = load_scenario("burn", SMALL)
         assert scenario.burn_flown is not None
         landscape, crew = landscape_of(scenario), SimulatedCrew(scenario.burn_flown)
         self.ignition_delay_s = scenario.burn_flown.ignition_delay_s
@@ -103,9 +105,21 @@ def test_a_drop_whose_command_was_not_journalled_has_an_unknown_outcome(
     burn.fly_until(lambda: bool(burn.simulation.service.recording.trouble))
     assert [each.outcome for each in burn.spheres] == ["ordered"]
     monkeypatch.setattr(os, "write", works)
+    given: list[object] = []
+    estimate = burn.simulation.service.estimate
+    monkeypatch.setattr(estimate, "_queue", given.append)
     burn.retry()
     assert [each.outcome for each in burn.spheres] == ["unknown"]
     assert len(burn.recorded(Drop)) == 1
+    replayed = ignition_reports_of(burn.scenario)
+    ignitions = []
+    for entry in SegmentReader(burn.path):
+        if isinstance(entry.content, AnyEvent):
+            ignitions.append(replayed.reported_in(entry.content))
+        else:
+            replayed.on_command(entry.content)
+    live = [each.at_s for each in given if isinstance(each, Ignited)]
+    assert live == [each.at_s for each in ignitions if each is not None][-1:]
     assert verify(burn.path).difference is None
 
 
