@@ -243,6 +243,7 @@ class Gateway:
         self.aircraft: deque[AircraftSeen] = deque(maxlen=MAX_AIRCRAFT_KEPT)
         self._connected = False  # whether the connection was reported
         self._lost = False
+        self._status_due = False  # whether to report the states again when connected
 
     def read_back(self, recognise: Recognise, now_us: int) -> None:
         """Read the mission on board as soon as the vehicle is connected; report all states again.
@@ -254,6 +255,7 @@ class Gateway:
         self._battery_reported = None
         self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
         stack = self.client.stack
+        self._status_due = True
         if stack is not None and self._connected and not self._lost:
             at_us = self._clock.now_us
             if self._mode is not None:  # the mode is reported before any command
@@ -267,7 +269,7 @@ class Gateway:
 
     def _report_status(self) -> None:
         """Report the states again that the client reports only on a change."""
-        at_us = self._clock.now_us
+        at_us, self._status_due = self._clock.now_us, False
         for status in self._status.values():
             self._queued.append(msgspec.structs.replace(status, at_us=at_us))
 
@@ -381,6 +383,8 @@ class Gateway:
                 self._connected = True
                 if self._recognise is not None:
                     self._reading = self.client.download(link_us)
+                if self._status_due:
+                    self._report_status()
                 return _connected(now_us, name, event.stack)
             case bridge.LinkLost():
                 self._lost = True
@@ -389,6 +393,7 @@ class Gateway:
                 self._lost = False
                 if self._recognise is not None and self._reading is None:
                     self._reading = self.client.download(link_us)
+                if self._status_due:
                     self._report_status()
                 return LinkRestored(now_us, name)
             case _:

@@ -6,6 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
+from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.message_rates import RATES_HZ, rates_for
@@ -16,6 +17,7 @@ from mission_service.events import (
     CommandFinished,
     EstimatorStatusChanged,
     FenceStatusChanged,
+    GpsFixChanged,
     LandedStateChanged,
     ModeChanged,
     RemoteIdChanged,
@@ -256,3 +258,28 @@ def test_states_are_reported_again_with_the_mission_that_is_read_back() -> None:
         "VehicleConnected",
         "SystemStateChanged",
     ]
+
+
+def test_states_are_reported_again_when_a_link_lost_during_a_read_back_returns() -> None:
+    """A second ``read_back`` while the link is lost relies on the return of the link."""
+    plane = stack_named("px4", "plane")
+    fix = GpsFixChanged(1000, "hawk", True, "3d")
+
+    class Reading(Client):
+        def download(self, now_us: int) -> int:
+            return 1
+
+    client = Reading(bridge.Connected(1, plane), bridge.GpsFix(2, "3d", 9))
+    gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
+    client.stack = plane
+    assert fix in list(gateway.events(3))
+    gateway.read_back(lambda items, stack: 0, 4)
+    assert fix in list(gateway.events(5))
+    client.report(bridge.LinkLost(6, 1_000_000))
+    assert fix not in list(gateway.events(6))
+    gateway.read_back(lambda items, stack: 0, 7)
+    failed = TransferResult("failed", "no reply")
+    client.report(bridge.TransferFinished(8, 1, "download", failed))
+    assert fix not in list(gateway.events(8))
+    client.report(bridge.LinkRestored(9))
+    assert list(gateway.events(9))[1:] == [fix]
