@@ -104,6 +104,8 @@ def test_a_drop_whose_command_was_not_journalled_has_an_unknown_outcome(
     monkeypatch.setattr(os, "write", fails)
     burn.fly_until(lambda: bool(burn.simulation.service.recording.trouble))
     assert [each.outcome for each in burn.spheres] == ["ordered"]
+    burn.is_full = True
+    burn.fly(20.0)
     monkeypatch.setattr(os, "write", works)
     given: list[object] = []
     estimate = burn.simulation.service.estimate
@@ -120,6 +122,7 @@ def test_a_drop_whose_command_was_not_journalled_has_an_unknown_outcome(
             replayed.on_command(entry.content)
     live = [each.at_s for each in given if isinstance(each, Ignited)]
     assert live == [each.at_s for each in ignitions if each is not None][-1:]
+    assert live == [burn.spheres[0].at_us / 1e6 + burn.ignition_delay_s]
     assert verify(burn.path).difference is None
 
 
