@@ -8,9 +8,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.command_sequence import AnyStep
+from autopilot_bridge.vehicle.sent_commands import ANSWERED_WITHIN_US
 
 REPORTED_WITHIN_US = 10_000_000  # time until a heartbeat shows the mode; some heartbeats get lost
-DELAYED_US = 2_000_000  # a mode may be entered this long after another mode was commanded
+DELAYED_US = ANSWERED_WITHIN_US  # a mode may be entered this long after another one was commanded
 
 
 def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:

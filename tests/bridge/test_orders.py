@@ -595,6 +595,20 @@ def test_each_of_two_acknowledgements_belongs_to_the_same_frame(orders: list[str
     assert px4.outcomes() == [("return", True)]
 
 
+def test_the_effect_of_a_replaced_order_on_a_slow_link_does_not_end_the_next_order() -> None:
+    """Each way takes 1.2 s; the first frame of the return is lost."""
+    px4 = Px4Plane()
+    px4.client.command("hold", px4.now_us)
+    px4.now_us += 400_000
+    px4.client.command("return", px4.now_us)
+    px4.sent()
+    px4.now_us += 2_700_000
+    px4.heartbeat(mode=3 << 24 | 4 << 16)
+    assert px4.outcomes() == [("hold", False)]
+    px4.wait(2.0, mode=3 << 24 | 4 << 16)
+    assert px4.sent() == [4.0]
+
+
 def test_a_heartbeat_from_before_an_order_does_not_show_its_effect() -> None:
     """A return is replaced by a hold, and this by another return; the frame of the last is lost."""
     plane = Plane()
