@@ -15,6 +15,8 @@ WARNING, CRITICAL = 4, 2
 TEXT_STANDS_S = 60.0
 # PX4's mission protocol sends these texts with severity critical after repeated requests.
 OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
+# ArduPilot sends texts that end with these words with severity warning or critical.
+FAILSAFE_ENDED = ("failsafe off", "failsafe cleared")
 # ArduCopter sends this text with severity critical whenever the mission that it is flying changes.
 OF_UPLOADS, AFTER_UPLOAD_S = "Auto mission changed, restarted command", 5.0
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
@@ -134,6 +136,8 @@ def _links(vehicle: Vehicle, event: events.LinksReported) -> list[AnyCommand]:
 def _text(vehicle: Vehicle, event: events.AutopilotText) -> list[AnyCommand]:
     words = f"autopilot: {event.text}"
     if event.text == OF_UPLOADS and _uploads(vehicle, event.at_us / 1e6):
+        return [announce(vehicle, words)]
+    if event.text.lower().endswith(FAILSAFE_ENDED):
         return [announce(vehicle, words)]
     line = announce(vehicle, words, warning=event.severity <= WARNING)
     if event.severity > WARNING or event.text.startswith(OF_TRANSFERS):

@@ -390,6 +390,24 @@ def test_what_arducopter_reports_of_an_upload_of_the_service_is_no_alarm(land: L
     assert kinds(reported(10.0)) == [Announce, RaiseAlarm]  # ordered by another station
 
 
+@pytest.mark.parametrize(
+    ("text", "is_alarm"),
+    [
+        ("Throttle failsafe on", True),
+        ("Throttle failsafe off", False),
+        ("RC Long Failsafe On: RTL", True),
+        ("RC Long Failsafe Cleared", False),
+        ("EKF Failsafe Cleared", False),
+    ],
+)
+def test_the_end_of_a_failsafe_of_ardupilot_is_no_alarm(
+    land: Landscape, text: str, is_alarm: bool
+) -> None:
+    flight, _ = airborne(land, atomic=False)
+    reported = flight.handle(AutopilotText(flight.at_us, "hawk", CRITICAL, text))
+    assert kinds(reported) == [Announce, RaiseAlarm][: 1 + is_alarm]
+
+
 def test_a_vehicle_on_the_ground_in_its_mission_has_no_wrong_airspeed(land: Landscape) -> None:
     flight, _ = airborne(land, atomic=True)
     flight.handle(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
