@@ -338,6 +338,7 @@ def withhold(flight: HeadOn, monkeypatch: pytest.MonkeyPatch, why: str) -> None:
     def withheld(commands: list[AnyCommand], at_s: float, accepted: bool) -> list[AnyCommand]:
         if why in reasons(commands):
             flight.core.vehicles["kite"].drop_upload()
+            flight.core.vehicles["kite"].not_before_s = at_s + 10.0
             return []
         return checked(commands, at_s, accepted)
 
@@ -370,6 +371,25 @@ def test_a_vehicle_leaves_its_waiting_place_if_closed_airspace_prevents_another_
         flight.moves("kite", 330.0, -0.1)
         flight.moves("swift", -660.0 + 15.0 * second, 15.0)
     assert not flight.gave_way("kite", "swift")
+    assert [why for _, why in flight.sent["kite"]].count("the path is clear") == 1
+
+
+def test_a_vehicle_leaves_its_waiting_place_when_the_airspace_beyond_it_opens(
+    land: Landscape, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = HeadOn(land)
+    flight.flies(8, "hawk", "kite")
+    assert flight.gave_way("kite", "hawk")
+    withhold(flight, monkeypatch, "the path is clear")
+    for second in range(120):
+        flight.at_s += 1.0
+        flight.moves("hawk", -330.0 + 15.0 * second, 15.0)
+        flight.moves("kite", 330.0, -0.1)
+    assert [why for _, why in flight.sent["kite"]] == ["fly to the fire", "give way to hawk"]
+    monkeypatch.undo()
+    for _ in range(30):
+        flight.at_s += 1.0
+        flight.moves("kite", 330.0, -0.1)
     assert [why for _, why in flight.sent["kite"]].count("the path is clear") == 1
 
 

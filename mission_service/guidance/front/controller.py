@@ -241,12 +241,22 @@ class FrontFlight(Guidance):
             return commands
         return self._follow(vehicle, fix) if self._renewal.to_be_checked(vehicle, fix) else []
 
+    def _stays_aside(self, vehicle: Vehicle, at_s: float) -> bool:
+        """Return whether the last mission to give way is still on board and may be replaced.
+
+        The next mission was then not sent, for example because closed airspace prevented it.
+        """
+        accepted = vehicle.accepted
+        if accepted is None or accepted.mission_id != self._give_way_ids.get(vehicle.name):
+            return False
+        return at_s >= vehicle.not_before_s and not vehicle.due and vehicle.proposed is None
+
     def _give_way(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Return the commands to move aside and hold there, or None if the path is clear."""
         waiting = self.traffic.gave_way_to(vehicle.name)
         other = self.traffic.give_way_to(vehicle.name)
         if other is None:
-            if waiting is not None:
+            if waiting is not None or self._stays_aside(vehicle, fix.at_s):
                 vehicle.due = PATH_IS_CLEAR
             return None
         if other == waiting:
