@@ -52,6 +52,7 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 Floats = NDArray[np.float64]
 PATH_IS_CLEAR = "the path is clear"
+MAX_FAILED_WAYS = 2  # failed uploads in a row after which other vehicles give way
 
 
 class FrontFlight(Guidance):
@@ -79,6 +80,7 @@ class FrontFlight(Guidance):
         self._watch = FrontMonitor(self.planners, landscape.cell_size_m)
         self._renewal = Renewal(scenario.mission, traffic)
         self._sent_along: dict[str, Floats] = {}  # paths set by ``send_to``
+        self._failed_ways: dict[str, int] = {}  # failed uploads to give way, in a row
         self._give_way_ids: dict[str, int] = {}  # by vehicle: ID of the last one sent to give way
         self._giving_way = ("", 0)  # vehicle and ID of such a mission in the current event
         self._adviser = TeamSizeAdviser(
@@ -210,10 +212,22 @@ class FrontFlight(Guidance):
         )
         self._settle_giving_way(vehicle, event.at_us / 1e6, leaving)
         if isinstance(event, UploadFinished):
+            self._settle_failure(event)
             return
         way_id = self._give_way_ids.get(name)
         if any(_leads_away(each, name) and not _is_upload(each, name, way_id) for each in leaving):
             self.traffic.end_giving_way(name)
+
+    def _settle_failure(self, event: UploadFinished) -> None:
+        """After two failed uploads in a row, record that a vehicle cannot give way: others do."""
+        name = event.vehicle
+        if event.mission_id != self._give_way_ids.get(name):
+            return
+        failed = 0 if event.outcome == "accepted" else self._failed_ways.get(name, 0) + 1
+        self._failed_ways[name] = failed
+        if failed >= MAX_FAILED_WAYS:
+            self._failed_ways[name] = 0
+            self.traffic.on_giving_way_prevented(name, event.at_us / 1e6)
 
     def _settle_giving_way(self, vehicle: Vehicle, at_s: float, leaving: list[AnyCommand]) -> None:
         """Record whether the current event's mission to give way is sent.
