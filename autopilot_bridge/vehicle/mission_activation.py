@@ -8,8 +8,9 @@ the same list (the same id) was on board before, PX4 keeps its current item, and
 fly must be commanded.
 
 ArduPilot flies on to its old target, and keeps its current item, until an item is commanded.
-ArduPilot acknowledges that command. If the acknowledgement is lost, a sequence number that the
-vehicle could not have reached from the old current item also proves the start.
+ArduPilot acknowledges that command. If the acknowledgement is lost, a sequence number before the
+old current item also proves the start. A later one does not: the vehicle may have reached it in the
+old list, just before the new list arrived.
 
 sent --acknowledgement, or report of the new item--> ended
 sent --timeout after a report of the old item--> repeated; without a report: wait
@@ -17,8 +18,8 @@ watching --the list's id, and the list is fit--> ended
 either --the list's id, and the list remains unfit--> ended, rejected
 either --the id of another list several times--> ended, failed
 
-The command is repeated only after a report of the old item. Otherwise the vehicle may have advanced
-in the new list, and a repeated command would reset its current item.
+The command is repeated only after a report that does not prove the start. If the vehicle has
+already advanced in the new list, the repeated command leads it back to the first item.
 """
 
 from typing import NamedTuple
@@ -166,11 +167,8 @@ class MissionActivation(Exchange):
         before = self._before.seq
         if self._plan_id is not None:  # the list is the same; another item was commanded
             return seq != before
-        if before is None or seq < self._shown:
-            return False
-        if before <= self._shown:  # only the new list leads from the old item to this one
-            return seq > self._shown or before != seq
-        return seq < before
+        # Without the command, the vehicle may only have advanced.
+        return before is not None and self._shown <= seq < before
 
     def _unfit(self, now_us: int) -> None:
         """Reject the mission if it is reported as unfit for ``UNFIT_FOR_US``.
