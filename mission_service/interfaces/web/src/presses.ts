@@ -26,4 +26,5 @@ addEventListener("pointerdown", (event) => {
 // The listeners of a clicked element are called even if the element is replaced here.
 addEventListener("click", release, true);
 addEventListener("pointerup", () => setTimeout(release), true); // without a click
-for (const end of ["pointercancel", "contextmenu", "blur"]) addEventListener(end, release, true);
+for (const end of ["pointercancel", "contextmenu"]) addEventListener(end, release, true);
+addEventListener("blur", release); // of the window: a blur of an element does not bubble
