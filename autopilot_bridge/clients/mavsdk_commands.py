@@ -96,7 +96,7 @@ class MavsdkCommands:
         result = json.loads(ack.fields_json)["result"]
         if result != mavlink.MAV_RESULT_ACCEPTED:
             return f"command {command} {result_words(result)}"
-        if not step.acked_on_receipt:
+        if stack.acks_of(command) == 1:
             return ""
         # MAVSDK returns the acknowledgement of the receipt, not that of the result.
         heartbeats = self._heartbeats

@@ -335,7 +335,7 @@ class MockAutopilot:
             action = round(request.params[1])
             self._answer(request.command, self._gripper.operate(action, requester, self._now_us()))
             return
-        if self.stack.name == "px4" and request.command == mavlink.MAV_CMD_DO_SET_MODE:
+        if self.stack.acks_of(request.command) > 1:  # the first one confirms the receipt
             self._answer(request.command, [(requester, int(mavlink.MAV_RESULT_ACCEPTED))])
         result = self._commands.execute(request, self.flight, self._now_s())
         if request.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:

@@ -103,7 +103,7 @@ class ParameterServer:
 
     def __init__(self, stack: Stack, limits: Limits) -> None:
         self._stack = stack
-        self._bytewise = stack.name == "px4"
+        self._bytewise = stack.bytewise
         plane = stack.vehicle == "plane"
         table = _PX4 if self._bytewise else _PLANE if plane else _COPTER
         self._held = {name: _Held(*held) for name, held in sorted(table.items())}

@@ -20,16 +20,11 @@ class Place(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A command and its first parameters, sent as a COMMAND_INT if it has a position.
-
-    With ``acked_on_receipt``, the autopilot sends a COMMAND_ACK with the result ACCEPTED on receipt
-    and another one with the result of the execution.
-    """
+    """A command and its first parameters, sent as a COMMAND_INT if it has a position."""
 
     command: int
     params: tuple[float, ...] = ()
     place: Place | None = None
-    acked_on_receipt: bool = False
 
 
 COPTER_TYPES = (
@@ -98,21 +93,25 @@ class Stack:
             raise BridgeError(f"{self.name} {self.kind} has no mode {name!r}; it has {names}")
         return numbers[name]
 
+    @property
+    def bytewise(self) -> bool:
+        """Whether the bytes of an integer parameter are sent in the float of a PARAM_SET."""
+        return self.name == "px4"
+
     def acks_of(self, command: int) -> int:
-        """Return the number of COMMAND_ACKs with which the autopilot answers one command."""
+        """Return the number of COMMAND_ACKs with which the autopilot answers one command.
+
+        PX4 1.17 acknowledges a change of the mode on receipt, with the result ACCEPTED, and again
+        with the result of the execution.
+        """
         return 2 if self.name == "px4" and command == mavlink.MAV_CMD_DO_SET_MODE else 1
 
     def set_mode(self, custom_mode: int) -> Step:
         """Return the MAV_CMD_DO_SET_MODE command for a mode number of this stack."""
         if self.name == "px4":
-            return _px4_mode(custom_mode)
+            main_and_sub = (float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24))
+            return Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, *main_and_sub))
         return Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, float(custom_mode)))
-
-
-def _px4_mode(custom_mode: int) -> Step:
-    """Return the command for a mode of PX4, which PX4 1.17 acknowledges twice."""
-    params = (1.0, float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24))
-    return Step(mavlink.MAV_CMD_DO_SET_MODE, params, acked_on_receipt=True)
 
 
 _AUTO = 4 << 16  # PX4's main mode AUTO; sub modes: 3 loiter, 4 mission, 5 return
@@ -133,7 +132,7 @@ _PX4_PLANE = Stack(
     mission_mode=_AUTO | 4 << 24,
     hold_mode=_AUTO | 3 << 24,
     rtl_mode=_AUTO | 5 << 24,
-    start=(_px4_mode(_AUTO | 4 << 24), ARM),
+    start=(Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 4.0)), ARM),
     modes=PX4,
 )
 _ARDUPLANE = Stack(

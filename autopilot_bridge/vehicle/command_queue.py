@@ -106,8 +106,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
             self.end_all(f"{name} replaced it", now_us, replaced=True)
         modes = tuple(mode for step in steps for mode in modes_of_step(step, stack))
         sequence = CommandSequence(
-            *(name, target, steps, timing or self._timing, self._sent),
-            bytewise=stack.name == "px4",
+            *(name, target, steps, timing or self._timing, self._sent, stack),
             after_heartbeats=bool(modes) and timing is None,
             without_heartbeats=urgent,
         )
@@ -158,22 +157,18 @@ class ParameterQueue(_RequestQueue[Request]):
 
     def read(self, name: str, target: tuple[int, int], stack: Stack) -> int:
         """Queue a request to read one parameter, and return its id."""
-        return self._add(ParameterRead(target, name, _bytewise(stack), self._timing))
+        return self._add(ParameterRead(target, name, stack.bytewise, self._timing))
 
     def read_all(self, target: tuple[int, int], stack: Stack) -> int:
         """Queue a request to read all parameters, and return its id."""
-        return self._add(ParametersRead(target, _bytewise(stack), self._timing))
+        return self._add(ParametersRead(target, stack.bytewise, self._timing))
 
     def set(self, name: str, value: float, target: tuple[int, int], stack: Stack) -> int:
         """Queue a request to set one parameter, and return its id."""
-        return self._add(ParameterSet(target, name, value, _bytewise(stack), self._timing))
+        return self._add(ParameterSet(target, name, value, stack.bytewise, self._timing))
 
     def _reported(self, request_id: int, request: Request, sent: bool, now_us: int) -> bool:
         if request.result is None:
             return False
         self._report(ParametersFinished(now_us, request_id, request.result))
         return True
-
-
-def _bytewise(stack: Stack) -> bool:
-    return stack.name == "px4"

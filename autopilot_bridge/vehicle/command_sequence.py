@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import command_name
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming, is_for
-from autopilot_bridge.stacks.stacks import Step
+from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.parameters import ParameterSet
 from autopilot_bridge.vehicle.sent_commands import ANSWERED_WITHIN_US, SentCommands
 
@@ -60,7 +60,7 @@ AnyStep = Step | SetParameter
 
 def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
     """Return a step as a COMMAND_INT if the step has a position, otherwise as a COMMAND_LONG."""
-    command, params, place, _ = step
+    command, params, place = step
     if place is None:
         values = [*params, *[0.0] * (7 - len(params))]
         return mavlink.MAVLink_command_long_message(*target, command, tries, *values)
@@ -91,14 +91,13 @@ class CommandSequence:
         steps: tuple[AnyStep, ...],
         timing: TransferTiming,
         sent: SentCommands,
-        bytewise: bool = False,
+        stack: Stack,
         after_heartbeats: bool = False,
         without_heartbeats: bool = False,
     ) -> None:
         """Create the sequence.
 
-        With ``bytewise``, the bytes of an integer parameter are sent in the float. With
-        ``after_heartbeats``, a command is repeated only right after a HEARTBEAT, because the
+        With ``after_heartbeats``, a command is repeated only right after a HEARTBEAT, because the
         HEARTBEAT shows whether the autopilot has changed the mode in the meantime. With
         ``without_heartbeats``, the command is also repeated while no HEARTBEAT arrives.
         """
@@ -109,7 +108,7 @@ class CommandSequence:
         self._timing = timing
         self._sent = sent
         self._doubtful_until_us = 0  # until when earlier frames may be acknowledged
-        self._bytewise = bytewise
+        self._stack = stack
         self._after_heartbeats = after_heartbeats
         self._without_heartbeats = without_heartbeats
         self._repeats = False  # whether to repeat the command after the next heartbeat
@@ -145,7 +144,7 @@ class CommandSequence:
             self._doubtful_until_us = now_us + ANSWERED_WITHIN_US if is_doubtful else 0
             return self._send(step, now_us)
         self._setting = ParameterSet(
-            self._target, step.name, step.value, self._bytewise, self._timing
+            self._target, step.name, step.value, self._stack.bytewise, self._timing
         )
         messages = self._setting.start(now_us)
         self._deadline_us = self._setting.next_timer()
@@ -208,7 +207,7 @@ class CommandSequence:
             if self._text:
                 self._end_refused()
             return []
-        if step.acked_on_receipt and not self._is_received:
+        if self._stack.acks_of(step.command) > 1 and not self._is_received:
             self._is_received = True
             self._deadline_us = now_us + RESULT_AFTER_RECEIPT_US
             return []

@@ -187,7 +187,7 @@ class MissionActivation(Exchange):
             self.result = TransferResult("failed", why)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat the command if the old item was reported, otherwise wait; fail after ``TRIES``."""
+        """Repeat the command after a report without proof, otherwise wait; fail after ``TRIES``."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         self._tries += 1

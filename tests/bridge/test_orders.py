@@ -361,7 +361,7 @@ def ack(result: int, target: tuple[int, int] = (255, 190), command: int = STEP.c
 
 
 def begun() -> CommandSequence:
-    sequence = CommandSequence("takeoff", (1, 1), (STEP,), TIMING, SentCommands(OWN))
+    sequence = CommandSequence("takeoff", (1, 1), (STEP,), TIMING, SentCommands(OWN), PLANE)
     sequence.start(0)
     return sequence
 
@@ -420,8 +420,8 @@ def test_repeats_are_counted_and_a_refusal_after_one_is_reported_with_that() -> 
 
 
 def mode_change_received_by_px4() -> CommandSequence:
-    step = stack_named("px4", "plane").set_mode(4 << 16)
-    sequence = CommandSequence("resume", (1, 1), (step,), TIMING, SentCommands(OWN))
+    step = PX4.set_mode(4 << 16)
+    sequence = CommandSequence("resume", (1, 1), (step,), TIMING, SentCommands(OWN), PX4)
     sequence.start(0)
     sequence.receive(ack(0, command=step.command), 10_000)
     assert sequence.outcome is None
@@ -458,7 +458,7 @@ def test_px4_with_a_single_acknowledgement_accepts_a_mode_after_a_repeat() -> No
 
 
 def test_px4_is_not_armed_after_it_has_refused_the_mission_mode() -> None:
-    sequence = CommandSequence("start mission", (1, 1), PX4.start, TIMING, SentCommands(OWN))
+    sequence = CommandSequence("start mission", (1, 1), PX4.start, TIMING, SentCommands(OWN), PX4)
     (mode_change,) = sequence.start(0)
     assert sequence.receive(ack(0, command=mode_change.command), 10_000) == []
     refusal = ack(mavlink.MAV_RESULT_TEMPORARILY_REJECTED, command=mode_change.command)
@@ -469,7 +469,7 @@ def test_px4_is_not_armed_after_it_has_refused_the_mission_mode() -> None:
 
 def test_a_refusal_that_arrives_after_the_timeout_is_not_followed_by_a_repeat() -> None:
     sent = SentCommands(OWN)
-    sequence = CommandSequence("hold", (1, 1), (STEP,), TIMING, sent, after_heartbeats=True)
+    sequence = CommandSequence("hold", (1, 1), (STEP,), TIMING, sent, PLANE, after_heartbeats=True)
     sequence.start(0)
     assert sequence.handle_timer(1_000_000) == []  # it would be repeated after a heartbeat
     sequence.receive(ack(mavlink.MAV_RESULT_FAILED), 1_100_000)
