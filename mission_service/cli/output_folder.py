@@ -55,7 +55,7 @@ def refuse_run_folder(out: Path, sources: Iterable[Path]) -> None:
         beside = source.parent / JOURNAL
         if begins_journal(source) or (begins_journal(beside) and not is_of_replay(beside)):
             raise RequestError(
-                f"{out}: is the folder of the run, whose files could be replaced; choose another "
+                f"{out}: is the folder of the run, and its files could be replaced; choose another "
                 "--out"
             )
 

@@ -492,28 +492,31 @@ class Engine:
             self.recording.remove_last()
             self.defect = _defect(event, error, self._scenario.planner.rule)
             raise self.defect from error
-        for command in () if may_act else commands:  # ``retry`` journals these commands
-            self._apply_command_to_fire(command)
-            if self._interlock is not None:
-                self._interlock.on_commands([command])
-        for command in commands if may_act else ():
-            if isinstance(command, BroadcastMessage):
-                self._broadcast(command.message)
-            elif isinstance(command, OrderByService):
-                named = (command.vehicle, command.order)
-                order = OrderGiven(event.at_us, command.by, "", *named, hold_at=command.hold_at)
-                self._held_back.append(order)
-            elif self._unrecorded.keeps_mode(command, self.state_view):
-                pass
-            elif (refused := self._refused(command)) is not None:
-                self._held_back.append(refused)
-            else:
+        for command in commands:
+            if may_act:
+                self._carry_out(command, event.at_us, now_us)
+            else:  # ``retry`` journals the command
                 self._apply_command_to_fire(command)
-                self._gateways[command.vehicle].execute(command, now_us)
             if self._interlock is not None:
                 self._interlock.on_commands([command])
         while self._held_back:
             self._handle(self._held_back.popleft(), now_us)
+
+    def _carry_out(self, command: AnyCommand, at_us: int, now_us: int) -> None:
+        """Execute a journalled command, or hold back the event that follows from it."""
+        if isinstance(command, BroadcastMessage):
+            self._broadcast(command.message)
+        elif isinstance(command, OrderByService):
+            named = (command.vehicle, command.order)
+            order = OrderGiven(at_us, command.by, "", *named, hold_at=command.hold_at)
+            self._held_back.append(order)
+        elif self._unrecorded.keeps_mode(command, self.state_view):
+            pass
+        elif (refused := self._refused(command)) is not None:
+            self._held_back.append(refused)
+        else:
+            self._apply_command_to_fire(command)
+            self._gateways[command.vehicle].execute(command, now_us)
 
     def _apply_event_to_fire(self, event: AnyEvent) -> None:
         self.sensors.on_event(event)

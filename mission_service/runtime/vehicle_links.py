@@ -68,7 +68,7 @@ class Link:
     refusals: tuple[SigningRefusals, ...]  # of each port
     unexpected: Mapping[int, Stack]  # autopilots received but not in the scenario, by system id
     known_ids: frozenset[int]  # the system ids of all vehicles in the scenario
-    _reported: set[str] = field(default_factory=set)  # links whose lost datagrams were reported
+    _reported: set[str] = field(default_factory=set)  # ports with a reported loss of a datagram
 
     @property
     def connected(self) -> bool:

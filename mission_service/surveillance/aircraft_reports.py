@@ -43,9 +43,9 @@ class AircraftReports:
         used = section or SurveillanceSection()
         self.table = AircraftTable(used.range_m, used.qnh_hpa, used.ignored)
         self._due_us = -(2**63)
-        # Vehicles whose last event contains no aircraft, and its ``own_position_unknown``. Any run,
-        # even a resumed one, begins with an event for each vehicle, which ends the alerts of an
-        # interrupted run.
+        # By vehicle: ``own_position_unknown`` of its last event, if that contains no aircraft.
+        # Any run, even a resumed one, begins with an event for each vehicle, which ends the alerts
+        # of an interrupted run.
         self._empty: dict[str, bool] = {}
 
     def decoder(self, source: AircraftSource) -> AircraftDecoder:

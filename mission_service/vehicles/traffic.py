@@ -38,7 +38,7 @@ TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
 LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # distance and time of the flight to a waiting position
 WAITS_AT_MOST_S = 120.0
-CANNOT_GIVE_WAY_FOR_S = 30.0  # after closed airspace has prevented a vehicle from giving way
+CANNOT_GIVE_WAY_FOR_S = 30.0  # after closed airspace, or failed uploads, prevented giving way
 STALE_S = 5.0  # an older position is not used
 DESCENDING = ("approach", "final", "going around")  # phases of a landing
 
@@ -185,7 +185,7 @@ class TrafficManager:
         self._all[name].gave_way_to = None
 
     def on_giving_way_prevented(self, name: str, at_s: float) -> None:
-        """Record that closed airspace prevents a vehicle from giving way, so that others do."""
+        """Record that a vehicle cannot receive a mission to give way, so that others give way."""
         self.end_giving_way(name)
         self._all[name].cannot_give_way_until_s = at_s + CANNOT_GIVE_WAY_FOR_S
 

@@ -365,7 +365,7 @@ def test_no_command_replaces_the_results_of_the_run_that_it_reads(
     source = run if by_folder else run / "journal.jsonl"
     done = CliRunner().invoke(main, [*command.split(), str(source), "--out", f"{run}/."])
     assert done.exit_code == 1
-    assert "is the folder of the run, whose files could be replaced" in done.output
+    assert "is the folder of the run, and its files could be replaced" in done.output
     assert {path.name: path.read_bytes() for path in run.iterdir()} == before
 
 

@@ -81,7 +81,7 @@ class FrontFlight(Guidance):
         self._renewal = Renewal(scenario.mission, traffic)
         self._sent_along: dict[str, Floats] = {}  # paths set by ``send_to``
         self._failed_ways: dict[str, int] = {}  # failed uploads to give way, in a row
-        self._give_way_ids: dict[str, int] = {}  # by vehicle: ID of the last one sent to give way
+        self._give_way_ids: dict[str, int] = {}  # ID of its last mission to give way
         self._giving_way = ("", 0)  # vehicle and ID of such a mission in the current event
         self._adviser = TeamSizeAdviser(
             CoverageTargets(scenario.planner.max_revisit_s, scenario.planner.max_unseen_advance_m)
@@ -235,7 +235,7 @@ class FrontFlight(Guidance):
         If closed airspace prevents this mission, a vehicle that has given way to another one must
         not stay at its waiting position: a new mission is due.
         """
-        name, accepted = vehicle.name, vehicle.accepted
+        name = vehicle.name
         (asked, mission_id), self._giving_way = self._giving_way, ("", 0)
         if asked != name:
             return
@@ -243,7 +243,7 @@ class FrontFlight(Guidance):
             self._give_way_ids[name] = mission_id
             return
         self.traffic.on_giving_way_prevented(name, at_s)
-        if accepted is not None and accepted.mission_id == self._give_way_ids.get(name):
+        if self._has_way_on_board(vehicle):
             vehicle.due = vehicle.due or PATH_IS_CLEAR
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
@@ -260,10 +260,13 @@ class FrontFlight(Guidance):
 
         The next mission was then not sent, for example because closed airspace prevented it.
         """
+        may_be_replaced = not vehicle.due and vehicle.proposed is None
+        return self._has_way_on_board(vehicle) and may_be_replaced and at_s >= vehicle.not_before_s
+
+    def _has_way_on_board(self, vehicle: Vehicle) -> bool:
+        """Return whether the mission on board is the last one that was sent to give way."""
         accepted = vehicle.accepted
-        if accepted is None or accepted.mission_id != self._give_way_ids.get(vehicle.name):
-            return False
-        return at_s >= vehicle.not_before_s and not vehicle.due and vehicle.proposed is None
+        return accepted is not None and accepted.mission_id == self._give_way_ids.get(vehicle.name)
 
     def _give_way(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Return the commands to move aside and hold there, or None if the path is clear."""
@@ -274,8 +277,7 @@ class FrontFlight(Guidance):
                 vehicle.due = PATH_IS_CLEAR
             return None
         if other == waiting:
-            accepted, way_id = vehicle.accepted, self._give_way_ids.get(vehicle.name)
-            if accepted is None or accepted.mission_id != way_id:
+            if not self._has_way_on_board(vehicle):
                 if fix.at_s < vehicle.upload_ended_at_s + RETRY_S:
                     return []  # the upload has failed, and is repeated later
             elif not self.traffic.comes_too_low(vehicle.name):

@@ -125,7 +125,7 @@ def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Peri
 
 
 def _near_longitude_of(area: Any, extent: BaseGeometry) -> Any:
-    """Return polygons, each part shifted by a multiple of 360 degrees to the landscape\'s side."""
+    """Return polygons, each part shifted by a multiple of 360 degrees to the landscape's side."""
     middle_deg, parts = extent.centroid.x, shapely.get_parts(area)
     turns = [round((middle_deg - part.centroid.x) / 360.0) for part in parts]
     if not any(turns):

@@ -29,7 +29,7 @@ from mission_service.sensors.thermal.telemetry_poses import (
 )
 
 TELEMETRY_DELAY_US = 3_000_000
-MAX_AGE_US = 60_000_000  # of a point from a vehicle whose positions no longer arrive
+MAX_AGE_US = 60_000_000  # of a point, if its vehicle reports no more positions
 TRACKED_SD_M = 10.0  # if the camera does not report the error
 MAX_WAITING = 20
 WIDTH = 640  # pixels into which the horizontal field of view is divided
